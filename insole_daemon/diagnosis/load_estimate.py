@@ -6,6 +6,7 @@ counts with reduced noise.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -85,6 +86,10 @@ class LoadEstimate:
     def top_pa(self) -> float:
         """Return the load of a taxel under much of it, to which parameters of laws are relative."""
         return float(np.quantile(self.courses_pa.max(axis=0), TOP))
+
+    def wanted(self, settings: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
+        """Return those of the settings of joint columns that are to be computed: all."""
+        return list(settings)
 
     def before(self, term_order: int | None) -> LoadEstimate:
         """Return the load on which a term at this place of the signal path acts: that of the readings."""
@@ -194,7 +199,16 @@ class KnownLoad(LoadEstimate):
 
 @dataclass(frozen=True, eq=False)
 class TaxelLoad(KnownLoad):
-    """The same load for columns of single taxels: `wrench_of` returns the pressure of each taxel."""
+    """The same load for columns of single taxels: `wrench_of` returns the pressure of each taxel.
+
+    `only`: the settings of joint columns that are computed, because those of all taxels are large; None: all.
+    """
+
+    only: tuple[Mapping[str, float], ...] | None = None
+
+    def wanted(self, settings: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
+        """Return those of the settings of joint columns that are to be computed."""
+        return [setting for setting in settings if self.only is None or setting in self.only]
 
     def wrench_of(self, pressure_pa: Array) -> Array:
         """Return pressures (N, T, 12) with 0 for taxels that are not used, in single precision to save memory."""

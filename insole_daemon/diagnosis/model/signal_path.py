@@ -7,6 +7,7 @@ term, qₖ = qₖ₋₁ + Δₖ[qₖ₋₁] (formats.md, table of effects).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,15 +47,22 @@ def pressure_removed(design: BlockDesign, load: KnownLoad, candidate: PlacedTerm
     Its shape is (N, T, 1) for a `KnownLoad`, (N, T, 12) for a `TaxelLoad`. It is 0 for a term without columns by
     triangle.
     """
-    term, settings = candidate.term, candidate.settings
-    blocks = term.placed_columns(load) if term.column is None else [term.column_of(load, settings[0])]
+    term = candidate.term
+    share_of = [(setting, share) for setting, share in zip(candidate.settings, shares.tolist(), strict=True) if share]
+    settings = tuple(setting for setting, _ in share_of)
+    nothing = np.zeros((len(design.weights), design.weights.shape[1], 1))
+    if not settings:
+        return nothing
+    if isinstance(load, TaxelLoad):
+        load = replace(load, only=settings)
+    blocks = term.placed_columns(load) if term.column is None else [term.column_of(load, candidate.settings[0])]
     for block in blocks:
         at = [k for k, setting in enumerate(block.settings) if setting in settings]
         if len(at) == len(settings) and block.by_triangle is not None:
             every = np.zeros(len(block.settings), block.by_triangle.dtype)  # to select columns would copy them
-            every[at] = shares
+            every[at] = [share for _, share in share_of]
             return np.asarray(block.by_triangle @ every * design.mask[candidate.columns[0]][:, None])
-    return np.zeros((len(design.weights), design.weights.shape[1], 1))
+    return nothing
 
 
 def model_pressure(refined: Refined[BlockDesign]) -> Array:

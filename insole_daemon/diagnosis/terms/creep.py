@@ -13,15 +13,16 @@ relaxations, because the inverse of several flows is no sum of flows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
 from ..operators import flows, low_pass
-from .term import ABSORBED, Setting, Term, TermColumns
+from .term import ABSORBED, Setting, Term, TermColumns, stacked
 
 RATIO = 4.0  # between time constants
 FASTEST_S = 0.5  # smallest time constant
@@ -55,21 +56,23 @@ def _joint_columns(load: LoadEstimate, with_flows: bool) -> TermColumns:
     longest_s = float(np.ptp(seen.t_s)) * (1.0 if load.is_known else 2.0)
     number = np.log(max(longest_s, FASTEST_S * RATIO) / FASTEST_S) / np.log(RATIO)
     taus_s = FASTEST_S * RATIO ** np.arange((np.floor(number) if load.is_known else np.ceil(number)) + 1)
-    settings = [{"tau_s": float(tau_s)} for tau_s in taus_s]
-    late = [wrench - low_pass(wrench, seen.step_s, tau_s) for tau_s in taus_s]
+    settings = load.wanted([{"tau_s": float(tau_s)} for tau_s in taus_s])
+    late: Iterable[Array] = (wrench - low_pass(wrench, seen.step_s, setting["tau_s"]) for setting in settings)
     if with_flows:
         flow_settings, flowing = _activated(load, longest_s)
-        settings, late = settings + flow_settings, late + flowing
-    return TermColumns(tuple(settings), by_triangle=np.stack(late, axis=-1), joint=True)
+        settings, late = settings + flow_settings, chain(late, flowing)
+    return TermColumns(tuple(settings), by_triangle=stacked(late, len(settings)), joint=True)
 
 
-def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[dict[str, float]], list[Array]]:
+def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[Setting], Iterable[Array]]:
     """Return settings and columns of P − z, with z the activated flow towards the load (`operators.flows`)."""
     pressure = load.courses_pa
-    settings = [{"tau_s": length * longest_s, "scale_pa": scale * load.top_pa} for scale, length in FLOWS]
+    settings = load.wanted([{"tau_s": length * longest_s, "scale_pa": scale * load.top_pa} for scale, length in FLOWS])
+    if not settings:
+        return [], ()
     tau_s, scale_pa = np.array([[setting["tau_s"], setting["scale_pa"]] for setting in settings]).T
     late = flows(pressure.reshape(len(pressure), -1), load.step_s, tau_s, scale_pa)
-    return settings, [load.wrench_of_courses(one.reshape(pressure.shape)) for one in late]
+    return settings, (load.wrench_of_courses(one.reshape(pressure.shape)) for one in late)
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

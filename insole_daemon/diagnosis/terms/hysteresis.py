@@ -56,8 +56,8 @@ def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Arra
         if not len(radii_pa):
             return []
     flat = pressure.reshape(len(pressure), -1)
-    settings: list[Setting] = [{"r_pa": radius_pa} for radius_pa in radii_pa.tolist()]
-    loops: Iterable[Array] = (-play for play in each_play(flat, radii_pa))
+    settings = load.wanted([{"r_pa": radius_pa} for radius_pa in radii_pa.tolist()])
+    loops: Iterable[Array] = (-play for play in each_play(flat, _radii_pa(settings)))
     if more is not None:
         further_settings, further_loops = more(load, radii_pa, flat)
         settings, loops = settings + further_settings, chain(loops, further_loops)
@@ -72,7 +72,7 @@ def _joint(load: LoadEstimate, settings: Sequence[Setting], loops: Iterable[Arra
 
 def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
     """Return closing plays of a known pressure, and frictions: constant, and growing with the load."""
-    settings, plays = _closing_plays(flat, radii_pa, HALF * load.top_pa)
+    settings, plays = _closing_plays(load, flat, radii_pa, HALF * load.top_pa)
     friction_settings, friction_loops = _frictions(load, flat, [np.ones(1), flat / flat.max()])
     return settings + friction_settings, chain(plays, friction_loops)
 
@@ -88,25 +88,28 @@ def _closing_plays_of_walk(load: LoadEstimate) -> TermColumns:
     """Return joint columns of a walk: plays of held readings that close at zero."""
     radii_pa = np.array([each for each in RADII_PA if each > LEAST_CLOSING * load.top_pa] or RADII_PA[-1:])
     held_pa = load.held_pa.reshape(len(load.held_pa), -1)
-    return _joint(load, *_closing_plays(held_pa, radii_pa, HALF_ON_WALKS * load.top_pa))
+    return _joint(load, *_closing_plays(load, held_pa, radii_pa, HALF_ON_WALKS * load.top_pa))
 
 
-def _closing_plays(pressure: Array, radii_pa: Array, half_pa: float) -> Loops:
+def _closing_plays(load: LoadEstimate, pressure: Array, radii_pa: Array, half_pa: float) -> Loops:
     """Return plays of a pressure (N, m) whose loop closes at zero."""
     loaded = np.maximum(pressure, 0.0)
     part = loaded / (loaded + half_pa)
-    settings: list[Setting] = [{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()]
-    return settings, (-play * part for play in each_play(loaded, radii_pa))
+    settings = load.wanted([{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()])
+    return settings, (-play * part for play in each_play(loaded, _radii_pa(settings)))
 
 
 def _frictions(load: LoadEstimate, pressure: Array, limits: Sequence[Array]) -> Loops:
     """Return frictions of a pressure (N, m) with all WIDTHS, times each of the `limits`, (N, m) or (1,)."""
-    widths_pa = load.top_pa * WIDTHS
-    settings: list[Setting] = [
-        {"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * len(limits)
-    ]
-    constant = frictions(pressure, *widths_pa.T)
-    return settings, (friction * limit for limit in limits for friction in constant)
+    widths_pa = (load.top_pa * WIDTHS).tolist()
+    settings = load.wanted(
+        [{"up_pa": up, "down_pa": down, "limit": float(k)} for k in range(len(limits)) for up, down in widths_pa]
+    )
+    if not settings:
+        return [], ()
+    used_pa = sorted({(setting["up_pa"], setting["down_pa"]) for setting in settings})
+    constant = dict(zip(used_pa, frictions(pressure, *np.array(used_pa).T), strict=True))
+    return settings, (constant[each["up_pa"], each["down_pa"]] * limits[int(each["limit"])] for each in settings)
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -133,7 +136,11 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
 
 def _radii_and_halves(settings: Sequence[Setting]) -> tuple[Array, Array]:
     """Return radii and half loads (k,), Pa; 0 for a play that does not close."""
-    return np.array([one["r_pa"] for one in settings]), np.array([one.get("half_pa", 0.0) for one in settings])
+    return _radii_pa(settings), np.array([one.get("half_pa", 0.0) for one in settings])
+
+
+def _radii_pa(settings: Sequence[Setting]) -> Array:
+    return np.array([one["r_pa"] for one in settings])
 
 
 def _values(r_pa: Array, w: Array, half_pa: Array) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
@@ -16,9 +16,9 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     return TermColumns((setting,), by_triangle=(shifted * since)[..., None])
 
 
-def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return a column for each moment."""
-    return [_column(load, {"t_s": at}) for at in moments_s(load)]
+def _columns(load: LoadEstimate) -> Iterator[TermColumns]:
+    """Yield a column for each moment."""
+    return (_column(load, {"t_s": at}) for at in moments_s(load))
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

@@ -6,7 +6,7 @@ switches at a reading within each of these gaps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -40,14 +40,14 @@ def triangle_means(load: LoadEstimate) -> Array:
     return np.asarray(total_pa / np.maximum(usable.sum(axis=1), 1))
 
 
-def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return a column for each pair of thresholds."""
+def _columns(load: LoadEstimate) -> Iterator[TermColumns]:
+    """Yield a column for each pair of thresholds."""
     highest = float(np.quantile(load.pressure_pa.max(axis=0)[load.observation.usable], 0.9))
-    return [
+    return (
         _column(load, {"up_pa": up * highest, "down_pa": down * up * highest})
         for up in (KNOWN_UPS if load.is_known else UPS)
         for down in (KNOWN_DOWNS if load.is_known else DOWNS)
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

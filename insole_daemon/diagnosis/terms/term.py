@@ -59,7 +59,7 @@ class Term:
     word: str
     scopes: tuple[Scope, ...]
     share: Literal["positive", "free", "whole"]
-    columns: Callable[[LoadEstimate], Sequence[TermColumns]]
+    columns: Callable[[LoadEstimate], Iterable[TermColumns]]  # one after the other: columns are large
     # Parameters of the law from settings and shares (k,), the first function for columns computed from readings, the
     # second, if it differs, for columns computed from a known load.
     parameters: Callable[[Sequence[Setting], Array], dict[str, object]]
@@ -115,12 +115,12 @@ class Term:
         law = laws().get(self.word)
         return self.acts_at if law is None else law.order
 
-    def placed_columns(self, load: LoadEstimate) -> Sequence[TermColumns]:
+    def placed_columns(self, load: LoadEstimate) -> Iterable[TermColumns]:
         """Return the columns under the load as the terms before this one on the signal path have changed it."""
         if self.is_of_readings:
-            kept: dict[str, Sequence[TermColumns]] = load.observation.columns_of_readings
+            kept: dict[str, tuple[TermColumns, ...]] = load.observation.columns_of_readings
             if self.word not in kept:
-                kept[self.word] = self.columns(load)
+                kept[self.word] = tuple(self.columns(load))
             return kept[self.word]
         return self.columns(load.before(self.order))
 

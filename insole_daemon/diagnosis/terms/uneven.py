@@ -17,7 +17,7 @@ from ..load_estimate import LoadEstimate
 from ..operators import each_play, low_pass
 from .creep import TERM as CREEPS
 from .hysteresis import TERM as HYSTERESIS
-from .term import Setting, Term, TermColumns, needs_known_load
+from .term import Setting, Term, TermColumns, needs_known_load, stacked
 
 PARTS = 3  # of the range of the load
 RADII = (0.02, 0.06, 0.15)  # of plays, relative to the range
@@ -73,8 +73,8 @@ def _parts_of(load: LoadEstimate) -> list[Array]:
 
 def _joint(load: LoadEstimate, settings: Sequence[Setting], columns: Iterable[Array]) -> list[TermColumns]:
     """Return the columns (N, ...) of pressures as joint columns of the wrench."""
-    wrenches = [load.wrench_of_courses(column) for column in columns]
-    return [TermColumns(tuple(settings), by_triangle=np.stack(wrenches, axis=-1), joint=True)]
+    wrenches = (load.wrench_of_courses(column) for column in columns)
+    return [TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)]
 
 
 def _term(word: str, acts_at: int | None, columns: Callable[[LoadEstimate], list[TermColumns]]) -> Term:

@@ -5,7 +5,7 @@ The inverse, from readings: P = q + b·(q − z′), τ′·dz′/dt = q − z�
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -18,20 +18,17 @@ TAUS_S = geometric(0.04, 4.0, 6)
 FAST_S, MOST_FAST = 0.3, 0.8  # the part of the response that is delayed by less than FAST_S is below MOST_FAST
 
 
-def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return joint columns q − z′ for each pair of neighbouring time constants, which describe those in between.
+def _columns(load: LoadEstimate) -> Iterator[TermColumns]:
+    """Yield joint columns q − z′ for each pair of neighbouring time constants, which describe those in between.
 
     If the load is known, also for all time constants together: real materials have more than one.
     """
     wrench = load.by_triangle
-    late = [wrench - low_pass(wrench, load.step_s, tau_s) for tau_s in TAUS_S]
-    spans = [(k, k + 2) for k in range(len(TAUS_S) - 1)] + [(0, len(TAUS_S))] * load.is_known
-    return [
-        TermColumns(
-            tuple({"tau_s": tau_s} for tau_s in TAUS_S[a:b]), by_triangle=np.stack(late[a:b], axis=-1), joint=True
-        )
-        for a, b in spans
-    ]
+    settings = load.wanted([{"tau_s": tau_s} for tau_s in TAUS_S])
+    late = [wrench - low_pass(wrench, load.step_s, setting["tau_s"]) for setting in settings]
+    spans = [(k, k + 2) for k in range(max(len(settings) - 1, 1))] + [(0, len(settings))] * load.is_known
+    for a, b in spans:
+        yield TermColumns(tuple(settings[a:b]), by_triangle=np.stack(late[a:b], axis=-1), joint=True)
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.load_estimate import KnownLoad
+from insole_daemon.diagnosis.load_estimate import KnownLoad, TaxelLoad
 from insole_daemon.diagnosis.model.atoms import make_atoms
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
 from insole_daemon.diagnosis.model.regression import Timing
-from insole_daemon.diagnosis.model.signal_path import Changes, load_changes
+from insole_daemon.diagnosis.model.signal_path import Changes, load_changes, pressure_removed
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass, relay
 from insole_daemon.diagnosis.select.ordered_search import on_signal_path
@@ -44,7 +45,7 @@ def test_a_memory_acts_on_the_load_that_a_snap_before_it_has_changed(design):
     pressure = design.load.courses_pa[:, 0]
     felt = pressure + STEP_PA * relay(pressure, UP_PA, DOWN_PA)
     viscoelasticity = candidate(design, "viscoelasticity").term
-    block = viscoelasticity.placed_columns(load)[0]
+    block = next(iter(viscoelasticity.placed_columns(load)))
     late = felt - low_pass(felt, design.seen.step_s, block.settings[0]["tau_s"])
     assert block.by_triangle[:, 0, 0, 0] == pytest.approx(late[:, 0], abs=1.0)
 
@@ -75,7 +76,10 @@ def test_a_term_that_the_set_under_the_changed_load_lacks_changes_no_load(tmp_pa
 
 def test_columns_joined_to_others_have_the_inner_products_of_all_together(design):
     term = candidate(design, "hysteresis").term
-    first, second = term.columns(design.load), candidate(design, "viscoelasticity").term.columns(design.load)[:2]
+    first, second = (
+        term.columns(design.load),
+        [*islice(candidate(design, "viscoelasticity").term.columns(design.load), 2)],
+    )
     joined = make_atoms(second, design.weights, design.nuisance, make_atoms(first, design.weights, design.nuisance))
     whole = make_atoms([*first, *second], design.weights, design.nuisance)
     every = np.arange(whole.product.shape[1])
@@ -83,3 +87,16 @@ def test_columns_joined_to_others_have_the_inner_products_of_all_together(design
     for name in ("with_own", "gram", "shared"):
         expected = getattr(whole, name)
         assert getattr(joined, name) == pytest.approx(expected, rel=1e-3, abs=1e-5 * float(np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("word", ["hysteresis", "creep", "viscoelasticity"])
+def test_of_single_taxels_only_the_columns_with_a_share_are_computed(design, word):
+    of_taxels, term = TaxelLoad(design.seen), candidate(design, word)
+    (every,) = [block for block in term.term.columns(of_taxels) if block.settings == term.settings]
+    shares = np.zeros(len(term.settings))
+    shares[[1, -1]] = 0.3, 0.2
+    expected = every.by_triangle @ shares
+    assert np.abs(expected).max() > 0.0
+    assert pressure_removed(design, of_taxels, term, shares) == pytest.approx(expected, rel=1e-5, abs=1e-2)
+    few = list(term.term.columns(replace(of_taxels, only=(term.settings[1],))))
+    assert {len(block.settings) for block in few} == {1}
