@@ -38,7 +38,7 @@ from .select.wrench_errors import HeldoutErrors, wrench_errors
 from .static_findings import static_findings
 from .terms import TERMS
 from .terms.term import SPEEDS
-from .timings import clock_findings, is_nuisance, off_by_clock, timing_effects, timing_findings
+from .timings import clock_findings, is_nuisance, of_wrong_clock, off_by_clock, timing_effects, timing_findings
 from .unexplained import (
     excess_square,
     explains_little,
@@ -178,6 +178,7 @@ def _selection(kept: ValidatedSet, timing: Timing, seen: WrenchObservation, foot
         if words[i] == "clock" and i not in nuisances:
             offset = parameters[i]["offset_s"]
             parameters[i]["offset_s"] = replace(offset, value=offset.value - timing.delay_s)
+            parameters[i]["rate"] = of_wrong_clock(parameters[i]["rate"])
     return _Selection(kept, tuple(parameters), nuisances, is_late, figures)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ from .terms.clock import LEAST_RATE
 
 FAST_S = 0.05  # time constant of a viscoelasticity that is a delay to the first order
 LEAST_DRIFT_S = 0.05  # of the clock until the end of the recording
+GOOD_RATE_STD = 2e-5  # prior of the rate of good clocks against each other (formats.md)
+LEAST_OFFSET_STD_S = 0.01  # of a clock's offset in the middle of the recording
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows should match the cycles
 
 
@@ -120,6 +123,11 @@ def clock_of(result: RecordingResult) -> tuple[float, float]:
     return offset_s, rate
 
 
+def of_wrong_clock(rate: Quantity) -> Quantity:
+    """Return the rate by which a clock is wrong: the measured one, less that of good clocks, which is unknown."""
+    return replace(rate, std=float(np.hypot(rate.std, GOOD_RATE_STD)))
+
+
 def off_by_clock(seen: WrenchObservation) -> Array:
     """Return the mean square error of the static curves that a wrong declared clock causes, (1,) or (3,).
 
@@ -166,7 +174,10 @@ def clock_findings(result: RecordingResult) -> list[Finding]:
     is_stated = is_by_row or seen.declared_offset_s is not None
     if not (has_rate or (is_stated and max(abs(offset_s), drift_s) > LEAST_ROWS_OFF_S)):
         return []
-    parameters = {"offset_s": Quantity(offset_s, 0.01, "s"), "rate": Quantity(rate, seen.rate_std, "1")}
+    offset_std_s = float(np.hypot(LEAST_OFFSET_STD_S, seen.rate_std * seen.t_s.mean()))  # extrapolated from the middle
+    parameters = {
+        "offset_s": Quantity(offset_s, offset_std_s, "s"), "rate": of_wrong_clock(Quantity(rate, seen.rate_std, "1"))
+    }  # fmt: skip
     sentence_part = (
         f"runs {abs(rate):.3%} {'fast' if rate > 0 else 'slow'} against the CAN frames' and"
         if has_rate

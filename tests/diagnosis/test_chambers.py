@@ -552,6 +552,7 @@ def test_the_rate_of_a_clock_is_reported_unless_an_unknown_effect_of_the_insole_
     found = diagnose(fast)
     (finding,), (result,) = found.findings, found.results
     assert finding.effect == "clock"
+    assert 2e-5 < finding.parameters["rate"].std < 4e-5  # of good clocks, and of the fit
     of_triangle = replace(finding, effect="unknown", where=Where("triangle", (tuple(LAYOUT.identities[0].tolist()),)))
     assert [each.effect for each in clock_findings(replace(result, findings=(of_triangle,)))] == ["clock"]
     assert not clock_findings(replace(result, findings=(replace(of_triangle, where=Where()),)))
