@@ -28,7 +28,6 @@ UNKNOWN_OF_MEMORY = 0.12  # the same with a memory under a known load: materials
 LEAST_RELIANCE = 0.4  # of the mismatch: `unknown` if the terms without internal companions leave more
 FAR_FLOORS = 3.0  # held-out error, relative to the floor, that no misfit of a law alone causes
 MOST_LEFT = 0.5  # of the mismatch, by a set that explains it
-STRONGER = 4.0  # least gain of an effect that is reported beside `unknown`, relative to the unexplained part
 MOST_NULL = 1.12  # error of a recording without a mismatch, relative to the noise floor
 
 
@@ -54,11 +53,12 @@ def _has_memory(refined: Refined[Any]) -> bool:
 def least_gain_beside_unknown(errors: HeldoutErrors, whole: Design | BlockDesign, unexplained: float) -> float:
     """Return the least gain of an effect that is reported beside `unknown`: a weaker one may be a part of that.
 
-    `unexplained`: squared residual beyond the noise. Gains are in variances of the noise.
+    The possible misfit of an effect that is there is above what is left. `unexplained`: squared residual beyond the
+    noise. Gains are in variances of the noise.
     """
-    most_left = 1.0 / (1.0 + STRONGER) if leaves_much(errors, whole) else 1.0
-    is_doubtful = explains_little(errors, whole) or errors.residual_fraction > most_left
-    return float(np.inf) if is_doubtful else STRONGER * unexplained
+    if explains_little(errors, whole) or leaves_much(errors, whole):
+        return float(np.inf)
+    return unexplained / UNKNOWN_OF_MEMORY
 
 
 def mismatch(whole: Design | BlockDesign) -> float:
@@ -91,8 +91,10 @@ def leaves_much(errors: HeldoutErrors, whole: Design | BlockDesign) -> bool:
 
     Columns for that misfit take a part of it up in the fit, and are in no model.
     """
+    if not isinstance(whole, BlockDesign):
+        return False
     after, floor = float(errors.after[0]), float(errors.floor[0])
-    if not isinstance(whole, BlockDesign) or after <= outcome.MOST_AFTER * floor:
+    if after <= outcome.MOST_AFTER * floor:
         return False
     return errors.residual_fraction > (UNKNOWN_OF_MEMORY if after > FAR_FLOORS * floor else MOST_LEFT)
 

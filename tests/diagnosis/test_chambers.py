@@ -384,6 +384,14 @@ def test_a_gain_of_one_half_is_no_bit_shift(tmp_path):
     assert finding.parameters["gain"].value == pytest.approx(0.5, abs=0.05)
 
 
+def test_readings_that_are_no_power_of_two_too_large_are_no_bit_shift(tmp_path):
+    def larger(t_s: Array, counts: Array) -> None:
+        counts[:, SLOTS] = 240.5 - 2.4 * (240.5 - counts[:, SLOTS])
+
+    found = diagnose(write(tmp_path / "bag", touch=larger))
+    assert "bit_shift" not in {each.effect for each in found.findings}
+
+
 @pytest.mark.parametrize("pads_count", [230.0, 254.0])  # the latter are out of range for half of the time
 @pytest.mark.parametrize("count_per_pad_count", [0.0, 0.8])
 def test_without_a_thermometer_the_thermal_pads_give_the_temperature(tmp_path, count_per_pad_count, pads_count):

@@ -28,7 +28,6 @@ from .wrench import WrenchObservation
 LEAST_BOARDS = 3  # with two, the wrong one is unknown
 MOST_BITS = 2
 MOST_OFF_BITS = 0.15  # of the ratio's binary logarithm from an integer
-MOST_OFF_BITS_ALL = 0.3  # the same for all boards together, which a memory changes, too
 MOST_NOISE_RATIO = 0.8  # to the other boards, of a board whose readings are half as large; rounding keeps some noise
 LEAST_EXPLAINED = 0.5  # of the mean square error of a walk's wrench
 UNLOADED = 0.02  # of the reference's range of f_z
@@ -68,7 +67,7 @@ def _correct_under_known_load(
         findings.append(_finding(foot, seen, board, bits, max(float(before - after), 0.0)))
     settled = {("bit_shift", "board")} if np.isfinite(list(noises.values())).all() else set()
     octaves = -float(np.log2(np.median(list(factors.values()))))
-    if np.rint(octaves) == 0.0 or abs(octaves - np.rint(octaves)) > MOST_OFF_BITS_ALL:
+    if np.rint(octaves) == 0.0 or abs(octaves - np.rint(octaves)) > MOST_OFF_BITS:
         settled |= {("bit_shift", "insole")}
     return replace(seen, settled=seen.settled | settled), findings
 
