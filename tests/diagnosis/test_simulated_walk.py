@@ -323,6 +323,14 @@ def test_the_lag_of_a_board_follows_the_load_of_each_of_its_taxels(tmp_path, pla
         assert column[:, triangle, [taxel]] == pytest.approx(expected)
 
 
+def test_the_error_with_a_lag_is_that_of_each_taxel_and_not_of_its_triangle(tmp_path, plain):
+    late = effect("lag", Where(), tau_s=0.06)
+    (found,) = diagnosed(walk(tmp_path / "walk", late), plain, tmp_path / "out")
+    assert found["effect"] == "lag"
+    heldout = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["heldout"]
+    assert heldout["after"] < 1.02 * heldout["floor"] < 0.7 * heldout["before"]
+
+
 def test_a_simulation_of_another_trial(tmp_path, plain):
     other = walk(tmp_path / "other", scenario="t1")
     arguments = ["diagnose", str(plain), "--simulation", str(other), "--out", str(tmp_path / "out")]

@@ -44,7 +44,8 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
     aligning = np.array([name in ALIGNING for name in nuisance.shared_names])
     as_read = residual(design, Timing())
     # A free clock is aligned in the model as handed in, too: its offset is no effect.
-    aligned = residual(design, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
+    alignment = Timing(design.timing.delay_s if seen.offset_is_free else 0.0)
+    aligned = residual(design, alignment)
     x, y = active.rows, design.y - active.fixed_sum
     fold = (np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS
     residual_rows = np.empty_like(y)
@@ -60,8 +61,10 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
     _, unmoved, _ = _fit(none, aligned, design, every_row)
     moved = nuisance.shared_sum(unmoved * aligning)
     before = aligned - moved
+    of_alignment, of_timing = (_deviation_by_timing(design, timing) for timing in (alignment, design.timing))
     deviations = [_deviation_from_mean(law, i) for i in order]
-    off = _error_count(design, as_read, residual_rows, design.unmoved, sum(deviations))
+    apart = sum(deviations, start=of_timing)
+    off = _error_count(design, as_read, residual_rows, design.unmoved, apart)
     recalibrated = None
     is_loose = design.priors.has_loose_curves
     every_curve = np.full(len(known.T), max(design.priors.curve_count, REFITTED_COUNT))
@@ -73,21 +76,21 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         by_laws = design.y - nuisance.shared_sum(shared * aligning)
         for candidate, shares in zip(law.design.candidates, law.shares, strict=True):
             by_laws -= design.contribution(candidate, shares)
-        recalibrated = _corrections(design, _error_count(design, as_read, by_laws, design.unmoved, sum(deviations)))
+        recalibrated = _corrections(design, _error_count(design, as_read, by_laws, design.unmoved, apart))
         off = _heldout(design, off, splines, fold, std_count)
-    static = _error_count(design, as_read, before, design.unmoved.as_handed_in)
+    static = _error_count(design, as_read, before, design.unmoved.as_handed_in, of_alignment)
     if seen.has_own_curves:  # no calibration was handed in: `before` has the best static curves
         static = _heldout(design, static, curve_splines(seen.expected_count, seen.usable), fold, every_curve)
     squares = [_square(design, static), _square(design, off)]
     gains: list[float] = []
-    previous = _square(design, _error_count(design, as_read, design.y - moved, design.unmoved.as_handed_in))
+    previous = _square(design, _error_count(design, as_read, design.y - moved, design.unmoved.as_handed_in, of_timing))
     timing_gain = max(squares[0] - previous, 0.0)
     explained = np.zeros_like(y)
     for m, i in enumerate(order, start=1):
         explained += design.contribution(law.design.candidates[i], law.shares[i])
         _, shift, _ = _fit(none, design.y - explained, design, every_row)
         rest = design.y - explained - nuisance.shared_sum(shift * aligning)
-        off = _error_count(design, as_read, rest, design.unmoved, sum(deviations[:m]))
+        off = _error_count(design, as_read, rest, design.unmoved, sum(deviations[:m], start=of_timing))
         if is_loose or any(law.design.candidates[j].term.is_loop for j in order[:m]):
             at_count = off + seen.activation_count
             off -= fit_curves(splines, off, at_count, known, std_count, seen.noise_count).off_at(at_count)
@@ -260,9 +263,28 @@ def _deviation_from_mean(refined: Refined[BlockDesign], i: int) -> Array | float
     if design.seen.is_uniform:
         return 0.0
     load = TaxelLoad(design.seen, design.known_load.changes)
-    moved = pressure_removed(design, load, candidate, refined.shares[i])
-    mean = np.einsum("ntk,tkc->nt", np.broadcast_to(moved, design.seen.activation_count.shape), design.seen.arms)
-    return np.asarray(np.where(design.seen.usable, moved - mean[:, :, None], 0.0))
+    return _from_mean(design, pressure_removed(design, load, candidate, refined.shares[i]))
+
+
+def _deviation_by_timing(design: BlockDesign, timing: Timing) -> Array | float:
+    """Return by how much a timing reduces the load of each taxel beyond that of its triangle's mean (N, T, 12), Pa.
+
+    0 if the load is uniform.
+    """
+    as_read = design.unmoved
+    if as_read.is_uniform or timing == Timing():
+        return 0.0
+    timed = as_read.timed(offset_s=as_read.offset_s - timing.delay_s, lag_s=timing.lag_s)
+    return _from_mean(design, as_read.load_pa(as_read.reference_s) - timed.load_pa(timed.reference_s))
+
+
+def _from_mean(design: BlockDesign, pressure_pa: Array) -> Array:
+    """Return pressures that broadcast to (N, T, 12) minus the mean of their triangle; 0 for unused taxels."""
+    usable = design.seen.usable
+    mean_pa = np.einsum(
+        "ntk,tkc->nt", np.broadcast_to(pressure_pa, (len(design.weights), *usable.shape)), design.seen.arms
+    )
+    return np.asarray(np.where(usable, pressure_pa - mean_pa[:, :, None], 0.0))
 
 
 def _error_count(
