@@ -5,8 +5,9 @@
 Each file is imported and diagnosed by itself, without a calibration: the curves that fit it best replace one. Errors
 are those of held-out blocks; the curves of the static model are the best polynomials and splines of the load for every
 taxel. Prints for each file: verdict, errors, findings with their places, thresholds of boards that switch with the
-load, and run time; then the spread of thresholds across files, and, of the files in which the findings lower the error
-of static curves by a fifth, the number with a memory among them.
+load, and run time; the noise at rest by the diagnosis, and from conversions that differ from the last ones; then the
+spread of thresholds across files, and, of the files in which the findings lower the error of static curves by a fifth,
+the number with a memory among them.
 
 Takes about 10 minutes.
 """
@@ -18,13 +19,36 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
+
 import insole_daemon
 from benchmarks.published_data.belli2023 import FOLDER
+from insole_daemon.diagnosis.floor import noise_of_readings
+from insole_daemon.diagnosis.observations.wrench import WrenchObservation
 from insole_daemon.diagnosis.pipeline import diagnose
+from insole_daemon.recording import counts as counts_file
 from insole_daemon.recording.import_matlab import import_matlab
 
 MEMORY = {"viscoelasticity", "creep", "hysteresis", "lag"}
 CLEAR = 0.8  # times the error of static curves
+AT_REST, LEAST_AT_REST = 0.05, 50  # of the range of the load; readings of a triangle
+
+
+def noise_at_rest(folder: Path, foot: str, seen: WrenchObservation) -> tuple[float, float]:
+    """Noise of the median taxel at rest, counts: by the diagnosis, and from conversions that differ from the last."""
+    table = counts_file.read(folder / "counts.npz", {foot: len(seen.layout)})[foot]
+    table_s = (table.t_ns - table.t_ns[0]) * 1e-9
+    threshold = seen.load_course.min() + AT_REST * np.ptp(seen.load_course)
+    by_diagnosis, by_differences = [], []
+    for row, (readings, usable) in enumerate(zip(seen.readings, seen.usable, strict=True)):
+        new = 1 + np.flatnonzero(np.any(np.diff(table.counts[:, row].astype(int), axis=0) != 0, axis=1))
+        is_rest = np.interp(table_s[new], seen.t_s, seen.load_course) < threshold
+        difference = np.diff(table.counts[new, row].astype(float), axis=0)[is_rest[1:] & is_rest[:-1]][:, usable]
+        resting = readings.counts[np.interp(readings.t_s, seen.t_s, seen.load_course) < threshold][:, usable]
+        if min(len(difference), len(resting)) > LEAST_AT_REST and usable.any():
+            by_diagnosis.append(noise_of_readings(resting))
+            by_differences.append(np.sqrt(np.mean(difference**2, axis=0) / 2.0))
+    return float(np.median(np.concatenate(by_diagnosis))), float(np.median(np.concatenate(by_differences)))
 
 
 def main() -> None:
@@ -36,11 +60,14 @@ def main() -> None:
     for path in sorted(folder.glob("*_insole/*.mat")):
         with tempfile.TemporaryDirectory() as into:
             foot = path.parent.name.split("_")[0]
-            recording = insole_daemon.load(import_matlab(path, Path(into) / path.stem, foot, None))
+            written = import_matlab(path, Path(into) / path.stem, foot, None)
+            recording = insole_daemon.load(written)
             began = time.monotonic()
             diagnosis = diagnose([recording], None, lambda text: None)
+            by_diagnosis, by_differences = noise_at_rest(written, foot, diagnosis.results[0].seen)
         errors = {name: diagnosis.heldout[name] for name in ("before", "after", "floor")}
         print(f"{path.stem}: {diagnosis.verdict}, {errors}, {time.monotonic() - began:.0f} s")
+        print(f"  noise at rest {by_diagnosis:.2f} counts, from new conversions {by_differences:.2f}")
         for each in diagnosis.findings:
             print(f"  {each.effect} at {each.where.scope} {each.where.ids if len(each.where.ids) < 6 else '…'}")
             if each.effect == "snap":
