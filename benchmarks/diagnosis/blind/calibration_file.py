@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import nnls
 
 from .chamber import calibration_routine
 from .effect import MEMORY, Effect
@@ -42,10 +43,19 @@ def fit_curves(
             np.polyval(np.polyfit(pressure, activation, 4), np.linspace(0, highest_pa, 200)), highest_pa / 199
         )
         weight = np.interp(pressure, np.linspace(0, highest_pa, 200), slope)
-        powers = np.vander(activation, DEGREE + 1, increasing=True)[:, 1:]
-        fit = np.linalg.lstsq(powers * weight[:, None], pressure * weight, rcond=None)[0]
-        coefficients[column, 1:] = fit
+        coefficients[column, 1:] = fit_rising(activation, pressure, weight)
     return baselines.reshape(28, 12), coefficients.reshape(28, 12, DEGREE + 1)
+
+
+def fit_rising(activation: np.ndarray, pressure: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Coefficients (DEGREE,) of the curve from activation to pressure, without a constant.
+
+    A curve that falls somewhere in its range could not be used: then no coefficient is below 0.
+    """
+    powers = np.vander(activation, DEGREE + 1, increasing=True)[:, 1:]
+    fit = np.linalg.lstsq(powers * weight[:, None], pressure * weight, rcond=None)[0]
+    slopes = np.polyval(np.polyder([*fit[::-1], 0.0]), np.linspace(0.0, activation.max(), 100))
+    return fit if slopes.min() > 0.0 else nnls(powers * weight[:, None], pressure * weight)[0]
 
 
 def _under_calibration_load(effect: Effect, trial: Trial) -> Effect:
