@@ -14,7 +14,7 @@ from .model.design import Design
 from .model.refine import Refined, refine
 from .model.regression import Timing
 from .model.solve import solve_shares
-from .select.confidence import is_of_triangles
+from .select import confidence
 from .select.count_errors import residual_squares
 from .select.each_triangle import of_each_triangle
 from .select.heldout_errors import heldout_errors
@@ -84,6 +84,18 @@ def keep_strong(
         return kept
     fitted = search.fit(strong)
     return _validated(fitted, refine(search.design, fitted.chosen), timing)
+
+
+def is_believed(search: SubsetSearch[Any], kept: ValidatedSet) -> bool:
+    """Return whether enough of the terms are probably there, by their confidences."""
+    stated = [
+        confidence.confidence(
+            search.margin(kept.best, i), kept.figures.residual_fraction, len(kept.order),
+            confidence.is_of_triangles(candidate.word, candidate.where),
+        )
+        for i, candidate in enumerate(kept.refined.design.candidates)
+    ]  # fmt: skip
+    return not stated or float(np.mean(stated)) > confidence.LEAST_MEAN
 
 
 def _validated(best: FittedSet, refined: Refined[Any], timing: Timing) -> ValidatedSet:
@@ -164,7 +176,9 @@ def term_with_gains_elsewhere(refined: Refined[Any]) -> int | None:
     """
     design = refined.design
     local = [
-        i for i, term in enumerate(design.candidates) if is_of_triangles(term.word, term.where) and term.word != "snap"
+        i
+        for i, term in enumerate(design.candidates)
+        if confidence.is_of_triangles(term.word, term.where) and term.word != "snap"
     ]
     if not local or not isinstance(design, BlockDesign):
         return None

@@ -12,7 +12,7 @@ from ..physics.effect import Effect, Where
 from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from . import sentences
-from .backward_elimination import LEAST_GAINED, ValidatedSet, eliminate_backward, keep_strong
+from .backward_elimination import LEAST_GAINED, ValidatedSet, eliminate_backward, is_believed, keep_strong
 from .excitation import has_one_speed
 from .export.as_effect import effect_of, preloads
 from .finding import Finding, Quantity, heldout_of
@@ -118,12 +118,14 @@ def _with_confidence(findings: Sequence[Finding], figures: HeldoutErrors) -> tup
 def _validated_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> tuple[ValidatedSet, bool]:
     """Return the terms that lower the held-out error, and whether the residual is an unknown effect.
 
-    Beside an unknown effect, weak terms are removed, because they may describe a part of it.
+    Beside an unknown effect, weak terms are removed, because they may describe a part of it. A walk is an unknown
+    effect as a whole if most terms of its set are probably not there.
     """
     kept = eliminate_backward(search, search.simplify(best, confidence.CLOSE_SCORE), timing)
     design = search.design
     figures, refined = kept.figures, kept.refined
-    if len(kept.order) >= search.penalties.most_terms:  # the search ended there, and not because nothing was left
+    is_full = len(kept.order) >= search.penalties.most_terms  # the search ended there, and not because nothing was left
+    if is_full or not (design.load.is_known or is_believed(search, kept)):
         return keep_strong(search, kept, refined, np.inf, timing), True
     if is_unexplained(figures, design, refined, timing):
         measured, unexplained = refined, excess_square(figures, design)
