@@ -28,7 +28,7 @@ MOST_CUT_OFF = 0.05  # of a pad's readings at an end of their range
 MOST_AT_END = 0.2  # of a pad's readings in a window: beyond it their mean is off by more than a tenth of their noise
 LEAST_STD_COUNT = 0.1  # of a pad's mean in a window
 LEAST_CORRELATION = 0.9  # of one half of the pads with the other
-MOST_LOAD_CORRELATION = 0.7  # with the reference: beyond it the pads follow the load
+MOST_OF_LOAD = 0.5  # of the pads' slow course: beyond it the pads follow the load
 
 
 def with_pad_temperature(
@@ -56,8 +56,9 @@ def rounding_of_compensation(seen: WrenchObservation) -> Array:
     counts = _moving_pads(seen)
     if counts.shape[1] < LEAST_PADS:
         return np.zeros(len(seen.t_s))
-    smooth = uniform_filter1d(counts.mean(axis=1), _window_rows(seen))
-    if _follows_load(smooth, seen):
+    mean = counts.mean(axis=1)
+    smooth = uniform_filter1d(mean, _window_rows(seen))
+    if _follows_load(mean, seen):
         return np.zeros(len(seen.t_s))
     return np.asarray(np.tanh((smooth[0] - smooth) / HALF_COUNT))
 
@@ -88,7 +89,7 @@ def pad_course(seen: WrenchObservation, rezeros: Sequence[Finding]) -> Array | N
     if shared is None or shared.agreement < LEAST_CORRELATION:
         return None
     course = np.interp(np.arange(len(counts)), (np.arange(m) + 0.5) * rows - 0.5, shared.course)
-    return None if _follows_load(course, seen) else np.asarray(course)
+    return None if _follows_load(counts.mean(axis=1), seen) else np.asarray(course)
 
 
 def _pads(seen: WrenchObservation) -> tuple[Array, NDArray[np.intp]]:
@@ -111,15 +112,22 @@ def _moving_pads(seen: WrenchObservation) -> Array:
     return np.asarray(counts[:, in_range & (np.ptp(counts, axis=0) > 0.0)])
 
 
-def _follows_load(course: Array, seen: WrenchObservation) -> bool:
-    """Return whether a course (N,) of the pads follows the load by the reference, or nothing tells it.
+def _follows_load(pads: Array, seen: WrenchObservation) -> bool:
+    """Return whether most of the slow course of `pads` (N,) is that of the load, or nothing tells it.
 
-    The counts of the taxels would not do: a strong effect of the temperature follows the pads in them.
+    How much of the load the pads show is told by their changes within a window, in which the temperature is constant.
+    Their slow course alone would not do: the readings follow it, too, if the temperature changes them much.
     """
-    load = uniform_filter1d(seen.load_course, _window_rows(seen))
-    if min(float(np.ptp(course)), float(np.ptp(load))) <= 0.0:
+    load = np.zeros(len(seen.t_s))
+    for readings, usable in zip(seen.readings, seen.usable, strict=True):
+        if len(readings.t_s) > 1:
+            load -= np.interp(seen.t_s, readings.t_s, readings.counts[:, usable].sum(axis=1, dtype=np.float64))
+    slow_load, slow_pads = (uniform_filter1d(each, _window_rows(seen)) for each in (load, pads))
+    if min(float(np.ptp(slow_pads)), float(np.ptp(slow_load))) <= 0.0:
         return True
-    return bool(abs(np.corrcoef(course, load)[0, 1]) > MOST_LOAD_CORRELATION)
+    fast_load = load - slow_load
+    shown = float(fast_load @ (pads - slow_pads)) / max(float(fast_load @ fast_load), 1e-12)
+    return bool(abs(shown) * np.std(slow_load) > MOST_OF_LOAD * np.std(slow_pads))
 
 
 def _window_rows(seen: WrenchObservation) -> int:
