@@ -124,7 +124,7 @@ def clock_of(result: RecordingResult) -> tuple[float, float]:
 
 
 def of_wrong_clock(rate: Quantity) -> Quantity:
-    """Return the rate by which a clock is wrong: the measured one, less that of good clocks, which is unknown."""
+    """Return the rate of the fault: the measured `rate` also contains that of good clocks, an unknown part of it."""
     return replace(rate, std=float(np.hypot(rate.std, GOOD_RATE_STD)))
 
 

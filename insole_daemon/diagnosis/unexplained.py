@@ -24,7 +24,9 @@ from .select.wrench_errors import HeldoutErrors
 PER_TAXEL = 4.0  # weight of the excess of a triangle per taxel, against that of a channel of the wrench
 UNKNOWN_EXCESS = 1.0  # excess in variances of the noise above which a residual is `unknown`
 UNKNOWN_SHARE = 0.08  # of the gain of a set: a smaller residual may be the misfit of its laws
-UNKNOWN_OF_MEMORY = 0.12  # the same with a memory under a known load: materials follow these laws less closely
+# The same with a memory under a known load, because materials follow these laws less closely; and with any effect
+# that is reported beside `unknown`.
+UNKNOWN_OF_MEMORY = 0.12
 LEAST_RELIANCE = 0.4  # of the mismatch: `unknown` if the terms without internal companions leave more
 FAR_FLOORS = 3.0  # held-out error, relative to the floor, that no misfit of a law alone causes
 MOST_LEFT = 0.5  # of the mismatch, by a set that explains it
@@ -53,8 +55,8 @@ def _has_memory(refined: Refined[Any]) -> bool:
 def least_gain_beside_unknown(errors: HeldoutErrors, whole: Design | BlockDesign, unexplained: float) -> float:
     """Return the least gain of an effect that is reported beside `unknown`: a weaker one may be a part of that.
 
-    The possible misfit of an effect that is there is above what is left. `unexplained`: squared residual beyond the
-    noise. Gains are in variances of the noise.
+    If the effect is there, what is left is less than the possible misfit of its law. `unexplained`: squared residual
+    beyond the noise. Gains are in variances of the noise.
     """
     if explains_little(errors, whole) or leaves_much(errors, whole):
         return float(np.inf)

@@ -28,7 +28,7 @@ MOST_CUT_OFF = 0.05  # of a pad's readings at an end of their range
 MOST_AT_END = 0.2  # of a pad's readings in a window: beyond it their mean is off by more than a tenth of their noise
 LEAST_STD_COUNT = 0.1  # of a pad's mean in a window
 LEAST_CORRELATION = 0.9  # of one half of the pads with the other
-MOST_OF_LOAD = 0.5  # of the pads' slow course: beyond it the pads follow the load
+MOST_OF_LOAD = 0.5  # of the pads' slow course that the load may cause: with more, the pads follow the load
 
 
 def with_pad_temperature(
@@ -115,8 +115,9 @@ def _moving_pads(seen: WrenchObservation) -> Array:
 def _follows_load(pads: Array, seen: WrenchObservation) -> bool:
     """Return whether most of the slow course of `pads` (N,) is that of the load, or nothing tells it.
 
-    How much of the load the pads show is told by their changes within a window, in which the temperature is constant.
-    Their slow course alone would not do: the readings follow it, too, if the temperature changes them much.
+    The temperature is constant within a window, so a change of the pads within one is caused by the load. It gives the
+    counts of the pads per count of the taxels, and these, times the slow course of the taxels, what the load adds to
+    that of the pads. The slow courses alone do not tell: a temperature that changes the taxels much makes them alike.
     """
     load = np.zeros(len(seen.t_s))
     for readings, usable in zip(seen.readings, seen.usable, strict=True):

@@ -39,10 +39,11 @@ LEAST_SLOPE = 0.25  # of a curve, as a share of its mean slope
 HIGHEST_ACTIVATION = 255  # counts
 ABOVE_READINGS = 5.0  # counts above the highest reading, to which curves are used
 
-# Computed properties that are the same with other curves, or on another clock of the reference.
+# Fields of an observation that have an entry for each row.
 BY_ROW = (
     "t_s", "activation_count", "missing", "temperature_c", "noise_ratio", "rezeroed", "unloaded", "undone_change",
-)  # fmt: skip  # fields of an observation that have an entry for each row
+)  # fmt: skip
+# Computed properties that are the same with other curves, or on another clock of the reference.
 CURVE_INDEPENDENT = ("clipped", "cut_off", "saturated", "smooth_count", "_signal_vectors")
 CLOCK_INDEPENDENT = (*CURVE_INDEPENDENT, "arms", "by_triangle", "coefficients", "columns_of_readings")
 NOISE_EDGE = 1.05  # factor on the largest singular value of white noise

@@ -21,7 +21,7 @@ UNKNOWN, UNKNOWN_BESIDE_OTHERS = 0.85, 0.4
 MOST_MARGIN = 100.0  # larger margins are no more certain
 # Bounds of the confidence: the fit has too few cases for more. Of 12 opened findings with less than 0.2, 8 were right.
 LEAST, MOST = 0.2, 0.98
-LEAST_MEAN = 0.4  # of the terms of a walk: a set of terms that are less likely stands for an unknown effect
+LEAST_MEAN = 0.4  # mean confidence of the terms of a walk: at or below it, one unknown effect is reported instead
 
 
 def is_of_triangles(effect: str, where: Where) -> bool:

@@ -169,7 +169,7 @@ def _fit_from(
     Columns are computed from the reference after a timing. They are computed again once the timing that is searched
     differs from that one by more than `near`. The result is a TimingFit, with its search, unless a round has a larger
     criterion than the round before. Then it is the hypothesis of the round before, without its search, which is freed
-    by then. That happens because a delay of the whole insole is hardly told from those of every board, and because
+    by then. That happens because a delay of the whole insole and the same delay of every board look alike, and because
     linearised columns are wrong far from the timing they were computed for. `untimed`:
     the fit of the hypothesis without words. The search begins with its set while the columns are those of `first`, and
     with its timing, too, if it fits clearly better than `timing`.

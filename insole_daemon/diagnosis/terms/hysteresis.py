@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...physics.law import MOST_SHARED, Array
 from ..load_estimate import LoadEstimate
 from ..operators import each_play, frictions
-from .term import ABSORBED, Setting, Term, TermColumns, geometric, stacked
+from .term import ABSORBED, Setting, Term, TermColumns, geometric, joint_of_courses
 
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_loops`
 WIDEST = 0.4  # largest radius, relative to the range of the load
@@ -61,13 +61,7 @@ def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Arra
     if more is not None:
         further_settings, further_loops = more(load, radii_pa, flat)
         settings, loops = settings + further_settings, chain(loops, further_loops)
-    return [_joint(load, settings, loops)]
-
-
-def _joint(load: LoadEstimate, settings: Sequence[Setting], loops: Iterable[Array]) -> TermColumns:
-    """Return joint columns of what friction takes of the pressure, (N, m) each."""
-    wrenches = (load.wrench_of_courses(loop.reshape(load.courses_pa.shape)) for loop in loops)
-    return TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)
+    return [joint_of_courses(load, settings, loops)]
 
 
 def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
@@ -88,7 +82,7 @@ def _closing_plays_of_walk(load: LoadEstimate) -> TermColumns:
     """Return joint columns of a walk: plays of held readings that close at zero."""
     radii_pa = np.array([each for each in RADII_PA if each > LEAST_CLOSING * load.top_pa] or RADII_PA[-1:])
     held_pa = load.held_pa.reshape(len(load.held_pa), -1)
-    return _joint(load, *_closing_plays(load, held_pa, radii_pa, HALF_ON_WALKS * load.top_pa))
+    return joint_of_courses(load, *_closing_plays(load, held_pa, radii_pa, HALF_ON_WALKS * load.top_pa))
 
 
 def _closing_plays(load: LoadEstimate, pressure: Array, radii_pa: Array, half_pa: float) -> Loops:

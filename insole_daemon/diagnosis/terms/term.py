@@ -164,6 +164,12 @@ def stacked(columns: Iterable[Array], n: int) -> Array:
     return together
 
 
+def joint_of_courses(load: LoadEstimate, settings: Sequence[Setting], courses: Iterable[Array]) -> TermColumns:
+    """Return joint columns of pressures that can be shaped as `courses_pa`; they are made one after the other."""
+    wrenches = (load.wrench_of_courses(course.reshape(load.courses_pa.shape)) for course in courses)
+    return TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)
+
+
 def in_means(load: LoadEstimate, moved_pa: Array) -> float:
     """Return the mean square of `moved_pa` (N, T, 12) in triangle means, relative to that over taxels, at most 1."""
     usable = load.observation.usable

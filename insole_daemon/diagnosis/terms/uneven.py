@@ -7,7 +7,7 @@ describe materials whose creep depends on the load. The prior of the shares is p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, pairwise
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..load_estimate import LoadEstimate
 from ..operators import each_play, low_pass
 from .creep import TERM as CREEPS
 from .hysteresis import TERM as HYSTERESIS
-from .term import Setting, Term, TermColumns, needs_known_load, stacked
+from .term import Term, TermColumns, joint_of_courses, needs_known_load
 
 PARTS = 3  # of the range of the load
 RADII = (0.02, 0.06, 0.15)  # of plays, relative to the range
@@ -30,18 +30,13 @@ def _plays(load: LoadEstimate) -> list[TermColumns]:
     top = float(load.courses_pa.max())
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
     radii_pa = top * np.array(RADII)
-    loops = (-play for part in _parts_of(load) for play in _each_play(part, radii_pa))
+    flat = (part.reshape(len(part), -1) for part in _parts_of(load))
+    loops: Iterable[Array] = (-play for part in flat for play in each_play(part, radii_pa))
     if load.observation.is_uniform:  # of each taxel alone they would take long
         widths_pa = top * np.array(WIDTHS)
         settings += [{"width_pa": width} for width in widths_pa]
-        return _joint(load, settings, chain(loops, _earlier_frictions(load.courses_pa, widths_pa)))
-    return _joint(load, settings, loops)
-
-
-def _each_play(pressure: Array, radii_pa: Array) -> Iterator[Array]:
-    """Yield play − pressure for each radius (k,) and pressures of any shape (N, ...)."""
-    for difference in each_play(pressure.reshape(len(pressure), -1), radii_pa):
-        yield difference.reshape(pressure.shape)
+        loops = chain(loops, _earlier_frictions(load.courses_pa, widths_pa))
+    return [joint_of_courses(load, settings, loops)]
 
 
 def _earlier_frictions(pressure: Array, widths_pa: Array) -> Iterator[Array]:
@@ -56,7 +51,8 @@ def _late(load: LoadEstimate) -> list[TermColumns]:
     settings = [{"part": float(k), "tau_s": tau_s} for k in range(PARTS - 1) for tau_s in TAUS_S]
     low, middle, high = _parts_of(load)
     differences = (part - middle for part in (low, high))
-    return _joint(load, settings, (_behind(part, load.step_s, tau_s) for part in differences for tau_s in TAUS_S))
+    late = (_behind(part, load.step_s, tau_s) for part in differences for tau_s in TAUS_S)
+    return [joint_of_courses(load, settings, late)]
 
 
 def _behind(pressure: Array, step_s: float, tau_s: float) -> Array:
@@ -69,12 +65,6 @@ def _parts_of(load: LoadEstimate) -> list[Array]:
     pressure = load.courses_pa
     edges = np.linspace(0.0, float(pressure.max()), PARTS + 1)
     return [np.clip(pressure, low, high) - low for low, high in pairwise(edges)]
-
-
-def _joint(load: LoadEstimate, settings: Sequence[Setting], columns: Iterable[Array]) -> list[TermColumns]:
-    """Return the columns (N, ...) of pressures as joint columns of the wrench."""
-    wrenches = (load.wrench_of_courses(column) for column in columns)
-    return [TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)]
 
 
 def _term(word: str, acts_at: int | None, columns: Callable[[LoadEstimate], list[TermColumns]]) -> Term:

@@ -76,10 +76,8 @@ def test_a_term_that_the_set_under_the_changed_load_lacks_changes_no_load(tmp_pa
 
 def test_columns_joined_to_others_have_the_inner_products_of_all_together(design):
     term = candidate(design, "hysteresis").term
-    first, second = (
-        term.columns(design.load),
-        [*islice(candidate(design, "viscoelasticity").term.columns(design.load), 2)],
-    )
+    first = term.columns(design.load)
+    second = list(islice(candidate(design, "viscoelasticity").term.columns(design.load), 2))
     joined = make_atoms(second, design.weights, design.nuisance, make_atoms(first, design.weights, design.nuisance))
     whole = make_atoms([*first, *second], design.weights, design.nuisance)
     every = np.arange(whole.product.shape[1])
