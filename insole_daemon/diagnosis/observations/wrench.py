@@ -54,16 +54,19 @@ def _derivative(coefficients: Array) -> Array:
     return np.asarray(polyder(coefficients), np.float64)
 
 
-def turning_count(coefficients: Array) -> Array:
+def turning_count(coefficients: Array, highest_count: Array | float = np.inf) -> Array:
     """Return the activation (...) from which curves (k, ...) rise by less than LEAST_SLOPE of their mean; inf if none.
 
-    A static curve cannot turn over: there, readings are beyond those that it was fitted to.
+    A static curve cannot turn over: there, readings are beyond those that it was fitted to. `highest_count` (...): up
+    to which the curves are used; what a polynomial does beyond tells nothing.
     """
-    count = np.arange(1.0, HIGHEST_ACTIVATION + 1.0).reshape(-1, *[1] * (coefficients.ndim - 1))
-    grid_count = np.broadcast_to(count, (HIGHEST_ACTIVATION, *coefficients.shape[1:]))
-    slope, mean_slope = polynomial(grid_count, _derivative(coefficients)), polynomial(grid_count, coefficients[1:])
-    is_flat = (slope < LEAST_SLOPE * mean_slope) & (grid_count > np.argmax(slope, axis=0))
-    return np.where(is_flat.any(axis=0), 1.0 + np.argmax(is_flat, axis=0), np.inf)
+    parts = np.linspace(0.0, 1.0, HIGHEST_ACTIVATION + 1)[1:].reshape(-1, *[1] * (coefficients.ndim - 1))
+    count = parts * np.broadcast_to(np.minimum(highest_count, HIGHEST_ACTIVATION), coefficients.shape[1:])
+    slope, mean_slope = polynomial(count, _derivative(coefficients)), polynomial(count, coefficients[1:])
+    is_past_steepest = np.cumsum(slope == slope.max(axis=0), axis=0) > 0
+    is_flat = (slope < LEAST_SLOPE * mean_slope) & is_past_steepest
+    first = np.take_along_axis(count, np.argmax(is_flat, axis=0)[None], axis=0)[0]
+    return np.where(is_flat.any(axis=0), first, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +271,7 @@ class WrenchObservation:
     def _highest_count(self) -> Array:
         """Return the highest activation (T, 12) of the calibrated range, before a curve turns over; inf: unknown."""
         highest = np.inf if self.calibration.highest_count is None else self.calibration.highest_count
-        return np.asarray(np.where(self.usable, np.minimum(highest, turning_count(self.coefficients)), np.inf))
+        return np.asarray(np.where(self.usable, np.minimum(highest, turning_count(self.coefficients, highest)), np.inf))
 
     def _inside(self, activation_count: Array) -> Array:
         """Return the nearest activation within the calibrated range."""

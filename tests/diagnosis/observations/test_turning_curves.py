@@ -18,4 +18,10 @@ from insole_daemon.diagnosis.observations.wrench import turning_count
     ],
 )
 def test_a_curve_turns_where_it_rises_by_a_quarter_of_its_mean(coefficients_pa, from_count):
-    assert turning_count(np.array(coefficients_pa)) == from_count
+    assert turning_count(np.array(coefficients_pa)) == pytest.approx(from_count)
+
+
+def test_what_a_curve_does_above_its_readings_does_not_hide_that_it_turns():
+    coefficients_pa = np.array([0.0, 1000.0, -1000.0 / 98.0, 1000.0 / (3.0 * 98.0**2)])  # slope 1000·(1 − a/98)²
+    assert turning_count(coefficients_pa) == np.inf  # steepest at 255
+    assert turning_count(coefficients_pa, 98.0) < 98.0
