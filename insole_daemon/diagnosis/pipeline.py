@@ -15,7 +15,7 @@ from ..physics.calibration import BEGAN, Calibration
 from ..physics.effect import Effect
 from ..recording.loading import FootRecording, Recording
 from . import merging, outcome
-from .caches import forget_cached, return_freed_memory, return_large_arrays
+from .caches import forget_cached, return_freed_memory, reuse_freed_memory
 from .export import wrench_model
 from .feet import choose
 from .finding import Finding, Verdict
@@ -52,7 +52,7 @@ def diagnose(
     DiagnosisError if the recordings do not belong together or have no usable reference, UndecidableError if the load
     changes too rarely.
     """
-    return_large_arrays()
+    reuse_freed_memory()
     refuse_mixture(recordings, simulations)
     feet = choose(recordings, asked, bool(simulations))
     observations = observed(recordings, feet, calibration, progress, simulations)
