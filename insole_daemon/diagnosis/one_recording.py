@@ -13,6 +13,7 @@ from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from . import sentences
 from .backward_elimination import LEAST_GAINED, ValidatedSet, eliminate_backward, is_believed, keep_strong
+from .caches import forget_cached, return_freed_memory
 from .excitation import has_one_speed
 from .export.as_effect import effect_of, preloads
 from .finding import Finding, Quantity, heldout_of
@@ -57,8 +58,11 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     refuse_unloaded(seen)
     faults, placements = faults_and_displacement(foot, seen)
     rezeros = [finding for finding in faults.findings if finding.effect == "rezero"]
-    seen = with_pad_temperature(faults.observation, seen, rezeros)
-    faults = replace(faults, observation=seen)
+    corrected = with_pad_temperature(faults.observation, seen, rezeros)
+    before = (seen, faults.observation, faults.odd_taxels.seen)
+    forget_cached(*(each for each in before if each is not corrected))
+    return_freed_memory()
+    seen, faults = corrected, replace(faults, observation=corrected)
     progress("comparing with every term of the library")
     searched = search_terms(seen, faults, placements, foot)
     first = searched.first

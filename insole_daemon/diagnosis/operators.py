@@ -5,7 +5,7 @@ The equations are those of `physics`; a test compares both.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -62,13 +62,6 @@ def plays(x: Array, radii_pa: Array) -> Array:
     return np.moveaxis(play, 1, 0)
 
 
-def each_play(x: Array, radii_pa: Array) -> Iterator[Array]:
-    """Yield play_r[x] − x (N, m) for each radius (k,): several are computed at once if x has few signals."""
-    at_once = max(SIGNALS_AT_ONCE // x.shape[1], 1)
-    for first in range(0, len(radii_pa), at_once):
-        yield from plays(x, radii_pa[first : first + at_once])
-
-
 def held(x: Array, radius: Array) -> Array:
     """Return x (N, m) without turns smaller than 2·`radius` (m,): the mean of a play that runs forward and one back.
 
@@ -99,7 +92,17 @@ def frictions(x: Array, up_pa: Array, down_pa: Array) -> Array:
     return np.moveaxis(friction, 1, 0)
 
 
-def flows(x: Array, step_s: float, tau_s: Array, scale_pa: Array) -> Array:
+def each_of(operators: Callable[..., Array], x: Array, *parameters: Array) -> Iterator[Array]:
+    """Yield (N, m) of each of k operators on x, as `plays` or `frictions` (x, *parameters), each parameter (k,).
+
+    Several are computed at once if x (N, m) has few signals; of many signals they would need much memory.
+    """
+    at_once = max(SIGNALS_AT_ONCE // x.shape[1], 1)
+    for first in range(0, len(parameters[0]), at_once):
+        yield from operators(x, *(parameter[first : first + at_once] for parameter in parameters))
+
+
+def flows(x: Array, tau_s: Array, scale_pa: Array, step_s: float) -> Array:
     """Return the part of x that flow has not reached, (k, N, m), with time constants τ and scales s, each (k,).
 
     It is x − z with τ·dz/dt = s·sinh((x − z)/s) and z = x in the first row; exact for x constant between rows.

@@ -74,20 +74,26 @@ def _search_with_placement(
     A selected swap of triangles or placement of the insole is applied to the load, and the search runs again, because
     terms that act on the load need the load at the true places.
     """
-    moved = placements.applied_to(seen)
-    result = replace(_search_under(None, moved, faults), placed=placements.fitted)
+
+    def search_at(placements: Placements) -> SearchResult:
+        return replace(_search_under(None, placements.applied_to(seen), faults), placed=placements.fitted)
+
+    result = search_at(placements)
     for _ in range(PLACED_ROUNDS):
         known, placements = placements, placements.with_selected(result.first.search, result.first.best, foot)
         if placements.move == known.move and len(placements.fitted) == len(known.fitted):
             break
-        moved = placements.applied_to(seen)
-        again = _search_under(None, moved, faults)
-        again = replace(again, placed=placements.fitted)
         # The column was the linearisation of this placement. The criterion may rise by its standard deviation under
         # noise, √(2n) with n rows, and it is about n.
-        if again.criterion > result.criterion + np.sqrt(2.0 * result.criterion):
+        most = result.criterion + np.sqrt(2.0 * result.criterion)
+        del result  # its design is large
+        result = search_at(placements)
+        if result.criterion > most:
+            placements = known
+            del result
+            result = search_at(placements)
             break
-        result = again
+    moved = placements.applied_to(seen)
     switching = _rows_while_switching(result, faults)
     if switching is not None:
         priors, placed = result.priors, result.placed

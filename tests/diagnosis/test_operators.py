@@ -39,7 +39,7 @@ def test_noise_within_the_radius_does_not_turn_a_held_signal_and_a_ramp_is_not_l
 def test_activated_flow_solves_eyrings_equation(scale_pa):
     """Against small steps of τ·dz/dt = s·sinh((x − z)/s)."""
     step_s, tau_s, fine = 0.5, 40.0, 20_000
-    late = flows(WAYS_PA[:, None], step_s, np.array([tau_s]), np.array([scale_pa]))[0, :, 0]
+    late = flows(WAYS_PA[:, None], np.array([tau_s]), np.array([scale_pa]), step_s)[0, :, 0]
     z, expected = WAYS_PA[0], [WAYS_PA[0]]
     for x in WAYS_PA[1:]:
         for _ in range(fine):
@@ -50,7 +50,7 @@ def test_activated_flow_solves_eyrings_equation(scale_pa):
 
 def test_activated_flow_at_a_large_scale_is_a_first_order_lag():
     x = np.repeat(WAYS_PA, 40)[:, None]
-    late = flows(x, 0.02, np.array([1.5]), np.array([1e9]))[0]
+    late = flows(x, np.array([1.5]), np.array([1e9]), 0.02)[0]
     np.testing.assert_allclose(x - late, low_pass(x, 0.02, 1.5), atol=0.01 * np.ptp(WAYS_PA))
 
 
@@ -58,8 +58,8 @@ def test_the_inverse_of_activated_flow_is_a_flow():
     """Creep q = P − a·(P − z) is undone by P = q + a/(1 − a)·(q − z), with z from q, (1 − a)·τ and (1 − a)·s."""
     a, tau_s, scale_pa, step_s = 0.4, 8.0, 20e3, 0.01
     load_pa = 150e3 * np.sin(0.4 * np.arange(0.0, 60.0, step_s)[:, None]) ** 2
-    read_pa = load_pa - a * flows(load_pa, step_s, np.array([tau_s]), np.array([scale_pa]))[0]
-    late_pa = flows(read_pa, step_s, (1 - a) * np.array([tau_s]), (1 - a) * np.array([scale_pa]))[0]
+    read_pa = load_pa - a * flows(load_pa, np.array([tau_s]), np.array([scale_pa]), step_s)[0]
+    late_pa = flows(read_pa, (1 - a) * np.array([tau_s]), (1 - a) * np.array([scale_pa]), step_s)[0]
     assert np.abs(load_pa - read_pa).max() > 25e3
     np.testing.assert_allclose(read_pa + a / (1 - a) * late_pa, load_pa, atol=200.0)
 

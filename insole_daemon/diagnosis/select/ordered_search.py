@@ -31,6 +31,7 @@ def on_signal_path(
     acting = [(term, shares) for term, shares in of_start if acts_on_load(term)]
     while acting:
         changes = load_changes(start.search.design, acting)
+        start.search.design.forget_load()
         changed = _with_settings_of([term for term, _ in acting], make(first.timing, changes))
         among = SubsetSearch(changed.retimed(first.timing), first.search.excluded_words)
         ordered = among.run()[0]

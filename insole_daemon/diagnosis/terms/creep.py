@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
-from ..operators import flows, low_pass
+from ..operators import each_of, flows, low_pass
 from .term import ABSORBED, Setting, Term, TermColumns, stacked
 
 RATIO = 4.0  # between time constants
@@ -71,7 +72,7 @@ def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[Setting], Ite
     if not settings:
         return [], ()
     tau_s, scale_pa = np.array([[setting["tau_s"], setting["scale_pa"]] for setting in settings]).T
-    late = flows(pressure.reshape(len(pressure), -1), load.step_s, tau_s, scale_pa)
+    late = each_of(partial(flows, step_s=load.step_s), pressure.reshape(len(pressure), -1), tau_s, scale_pa)
     return settings, (load.wrench_of_courses(one.reshape(pressure.shape)) for one in late)
 
 

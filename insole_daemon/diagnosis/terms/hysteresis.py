@@ -11,14 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, groupby
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.law import MOST_SHARED, Array
 from ..load_estimate import LoadEstimate
-from ..operators import each_play, frictions
+from ..operators import each_of, frictions, plays
 from .term import ABSORBED, Setting, Term, TermColumns, geometric, joint_of_courses
 
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_loops`
@@ -57,7 +58,7 @@ def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Arra
             return []
     flat = pressure.reshape(len(pressure), -1)
     settings = load.wanted([{"r_pa": radius_pa} for radius_pa in radii_pa.tolist()])
-    loops: Iterable[Array] = (-play for play in each_play(flat, _radii_pa(settings)))
+    loops: Iterable[Array] = (-play for play in each_of(plays, flat, _radii_pa(settings)))
     if more is not None:
         further_settings, further_loops = more(load, radii_pa, flat)
         settings, loops = settings + further_settings, chain(loops, further_loops)
@@ -90,20 +91,22 @@ def _closing_plays(load: LoadEstimate, pressure: Array, radii_pa: Array, half_pa
     loaded = np.maximum(pressure, 0.0)
     part = loaded / (loaded + half_pa)
     settings = load.wanted([{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()])
-    return settings, (-play * part for play in each_play(loaded, _radii_pa(settings)))
+    return settings, (-play * part for play in each_of(plays, loaded, _radii_pa(settings)))
 
 
 def _frictions(load: LoadEstimate, pressure: Array, limits: Sequence[Array]) -> Loops:
     """Return frictions of a pressure (N, m) with all WIDTHS, times each of the `limits`, (N, m) or (1,)."""
     widths_pa = (load.top_pa * WIDTHS).tolist()
     settings = load.wanted(
-        [{"up_pa": up, "down_pa": down, "limit": float(k)} for k in range(len(limits)) for up, down in widths_pa]
+        [{"up_pa": up, "down_pa": down, "limit": float(k)} for up, down in widths_pa for k in range(len(limits))]
     )
-    if not settings:
-        return [], ()
-    used_pa = sorted({(setting["up_pa"], setting["down_pa"]) for setting in settings})
-    constant = dict(zip(used_pa, frictions(pressure, *np.array(used_pa).T), strict=True))
-    return settings, (constant[each["up_pa"], each["down_pa"]] * limits[int(each["limit"])] for each in settings)
+    by_width = [list(alike) for _, alike in groupby(settings, key=itemgetter("up_pa", "down_pa"))]
+    used_pa = np.array([(alike[0]["up_pa"], alike[0]["down_pa"]) for alike in by_width]).reshape(-1, 2)
+    constant = each_of(frictions, pressure, *used_pa.T)
+    return settings, (
+        friction * limits[int(each["limit"])]
+        for friction, alike in zip(constant, by_width, strict=True) for each in alike
+    )  # fmt: skip
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

@@ -8,13 +8,13 @@ describe materials whose creep depends on the load. The prior of the shares is p
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from itertools import chain, pairwise
+from itertools import chain
 
 import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
-from ..operators import each_play, low_pass
+from ..operators import each_of, low_pass, plays
 from .creep import TERM as CREEPS
 from .hysteresis import TERM as HYSTERESIS
 from .term import Term, TermColumns, joint_of_courses, needs_known_load
@@ -30,8 +30,8 @@ def _plays(load: LoadEstimate) -> list[TermColumns]:
     top = float(load.courses_pa.max())
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
     radii_pa = top * np.array(RADII)
-    flat = (part.reshape(len(part), -1) for part in _parts_of(load))
-    loops: Iterable[Array] = (-play for part in flat for play in each_play(part, radii_pa))
+    flat = (_part_of(load, k).reshape(len(load.courses_pa), -1) for k in range(PARTS))
+    loops: Iterable[Array] = (-play for part in flat for play in each_of(plays, part, radii_pa))
     if load.observation.is_uniform:  # of each taxel alone they would take long
         widths_pa = top * np.array(WIDTHS)
         settings += [{"width_pa": width} for width in widths_pa]
@@ -49,8 +49,8 @@ def _earlier_frictions(pressure: Array, widths_pa: Array) -> Iterator[Array]:
 def _late(load: LoadEstimate) -> list[TermColumns]:
     """Return joint columns: low or high minus middle part of the load, minus its low pass, for each time constant."""
     settings = [{"part": float(k), "tau_s": tau_s} for k in range(PARTS - 1) for tau_s in TAUS_S]
-    low, middle, high = _parts_of(load)
-    differences = (part - middle for part in (low, high))
+    middle = PARTS // 2
+    differences = (_part_of(load, k) - _part_of(load, middle) for k in range(PARTS) if k != middle)
     late = (_behind(part, load.step_s, tau_s) for part in differences for tau_s in TAUS_S)
     return [joint_of_courses(load, settings, late)]
 
@@ -60,11 +60,13 @@ def _behind(pressure: Array, step_s: float, tau_s: float) -> Array:
     return pressure - low_pass(pressure.reshape(len(pressure), -1), step_s, tau_s).reshape(pressure.shape)
 
 
-def _parts_of(load: LoadEstimate) -> list[Array]:
-    """Return the load within each part of its range; their sum is the load."""
+def _part_of(load: LoadEstimate, k: int) -> Array:
+    """Return the load within part `k` of its range; the sum of all PARTS is the load."""
     pressure = load.courses_pa
-    edges = np.linspace(0.0, float(pressure.max()), PARTS + 1)
-    return [np.clip(pressure, low, high) - low for low, high in pairwise(edges)]
+    low, high = np.linspace(0.0, float(pressure.max()), PARTS + 1)[k : k + 2]
+    part = np.clip(pressure, low, high)
+    part -= low
+    return part
 
 
 def _term(word: str, acts_at: int | None, columns: Callable[[LoadEstimate], list[TermColumns]]) -> Term:

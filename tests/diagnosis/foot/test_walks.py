@@ -162,7 +162,7 @@ def test_activated_creep_is_named_beside_a_lag(tmp_path):
     """A flow that is the faster, the farther it is from equilibrium (Eyring): no sum of relaxations describes it."""
 
     def flowing(p: Array) -> Array:
-        return late(p - 0.3 * flows(p, DT_S, np.array([60.0]), np.array([25e3]))[0], 0.02)
+        return late(p - 0.3 * flows(p, np.array([60.0]), np.array([25e3]), DT_S)[0], 0.02)
 
     found = diagnose_any(write(tmp_path / "walk", flowing, seconds=40.0), tmp_path / "out")
     by_word = {each["effect"]: each for each in found["findings"]}
