@@ -146,6 +146,10 @@ class KnownLoad(LoadEstimate):
             term_order, replace(self, changes=tuple(change for change in self.changes if change[0] < term_order))
         )
 
+    def forget_before(self, term_order: int | None) -> None:
+        """Free the load before a place of the signal path, after the last term there; `before` makes it again."""
+        self._before.pop(term_order, None)
+
     @property
     def unchanged(self) -> KnownLoad:
         """Return the load of the reference, without changes."""
@@ -156,7 +160,7 @@ class KnownLoad(LoadEstimate):
         return replace(self, changes=())
 
     @cached_property
-    def _before(self) -> dict[int, KnownLoad]:
+    def _before(self) -> dict[int | None, KnownLoad]:
         return {}
 
     @property

@@ -465,7 +465,7 @@ def residual(design: BlockDesign, timing: Timing) -> Array:
     return np.ascontiguousarray(((reference_pa - seen.wrench) * design.weights).T)
 
 
-def block_design(load: LoadEstimate, weights: Array, priors: Priors = USUAL) -> BlockDesign:
+def block_design(load: KnownLoad, weights: Array, priors: Priors = USUAL) -> BlockDesign:
     """Return the regression of one recording, with candidates at the insole, every board and every triangle.
 
     `weights` (N, T): one over the standard deviation of a row; 0 if unknown.
@@ -477,6 +477,7 @@ def block_design(load: LoadEstimate, weights: Array, priors: Priors = USUAL) -> 
     terms = [term for term in TERMS if term.needs(load) is None and term.word not in excluded]
     if priors.has_wide_bounds:
         terms = [term.with_wide_bound() for term in terms]
+    last_at = {term.order: term for term in terms}  # of those at one place of the signal path
     placement = Placement(seen)
 
     def blocks() -> Iterator[TermColumns]:
@@ -484,6 +485,8 @@ def block_design(load: LoadEstimate, weights: Array, priors: Priors = USUAL) -> 
             for block in term.placed_columns(load):
                 placement.add(term, block)
                 yield block
+            if last_at[term.order] is term:
+                load.forget_before(term.order)
 
     atoms = make_atoms(blocks(), weights, nuisance)
     candidates = with_companions(placement.candidates, AT_REST)

@@ -15,6 +15,7 @@ from insole_daemon.diagnosis.model.blocks import block_design
 from insole_daemon.diagnosis.model.nuisance import Priors
 from insole_daemon.diagnosis.observations.wrench import CLOCK_INDEPENDENT
 from insole_daemon.diagnosis.observing import observed
+from insole_daemon.diagnosis.terms import hysteresis
 
 from ..chamber import write
 
@@ -112,6 +113,14 @@ def test_loads_along_the_signal_path_share_the_slopes_of_the_curves(seen):
     assert load.before(4).slope_pa is load.slope_pa
     predicted = replace(load, predicted_count=seen.activation_count + 5.0)
     assert not np.allclose(predicted.slope_pa, load.slope_pa)
+
+
+def test_a_design_frees_the_loads_along_the_signal_path_after_their_last_term(seen):
+    changes = tuple((order, np.full((len(seen.t_s), len(seen.layout), 1), 1e3)) for order in (2, 5))
+    load = KnownLoad(seen, changes)
+    changed = weakref.ref(load.before(hysteresis.TERM.order))
+    block_design(load, seen.weight_variance**-0.5)
+    assert changed() is None
 
 
 def test_a_load_is_freed_with_its_last_reference(seen):
