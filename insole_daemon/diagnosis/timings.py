@@ -29,6 +29,9 @@ FAST_S = 0.05  # time constant of a viscoelasticity that is a delay to the first
 LEAST_DRIFT_S = 0.05  # of the clock until the end of the recording
 GOOD_RATE_STD = 2e-5  # prior of the rate of good clocks against each other (formats.md)
 LEAST_OFFSET_STD_S = 0.01  # of a clock's offset in the middle of the recording
+# Of the instant that a row without times means, which may be any of its cycle: root mean square distance from the
+# cycle's end, where it is put, in periods.
+OF_A_CYCLE = 3**-0.5
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows should match the cycles
 
 
@@ -175,6 +178,8 @@ def clock_findings(result: RecordingResult) -> list[Finding]:
     if not (has_rate or (is_stated and max(abs(offset_s), drift_s) > LEAST_ROWS_OFF_S)):
         return []
     offset_std_s = float(np.hypot(LEAST_OFFSET_STD_S, seen.rate_std * seen.t_s.mean()))  # extrapolated from the middle
+    if is_by_row:
+        offset_std_s = float(np.hypot(offset_std_s, OF_A_CYCLE * np.median(seen.period_s[seen.usable.any(axis=1)])))
     parameters = {
         "offset_s": Quantity(offset_s, offset_std_s, "s"), "rate": of_wrong_clock(Quantity(rate, seen.rate_std, "1"))
     }  # fmt: skip

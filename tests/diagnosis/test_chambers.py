@@ -13,7 +13,7 @@ import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis import pipeline
-from insole_daemon.diagnosis.result import Diagnosis
+from insole_daemon.diagnosis.result import Diagnosis, RecordingResult
 from insole_daemon.diagnosis.timings import clock_findings
 from insole_daemon.diagnosis.verifying import verify
 from insole_daemon.errors import DiagnosisError
@@ -555,12 +555,22 @@ def test_a_wrong_declared_clock_is_corrected_beside_hysteresis(tmp_path):
     assert clock.parameters["offset_s"].value == pytest.approx(0.23, abs=0.02)
 
 
+def _by_row(result: RecordingResult) -> RecordingResult:
+    """Return a result as if the rows of the reference had no times."""
+    reference = replace(result.seen.reference, has_times=False)
+    load = replace(result.design.load, observation=replace(result.seen, reference=reference))
+    return replace(result, design=replace(result.design, load=load))
+
+
 def test_the_rate_of_a_clock_is_reported_unless_an_unknown_effect_of_the_insole_bends_it(tmp_path):
     fast = write(tmp_path / "bag", reference=lambda t_s, p: np.interp(1.005 * t_s, t_s, p), clock="own")
     found = diagnose(fast)
     (finding,), (result,) = found.findings, found.results
     assert finding.effect == "clock"
     assert 2e-5 < finding.parameters["rate"].std < 4e-5  # of good clocks, and of the fit
+    (without_times,) = clock_findings(_by_row(replace(result, findings=())))
+    std_s, with_times_s = (each.parameters["offset_s"].std for each in (without_times, finding))
+    assert std_s == pytest.approx(np.hypot(with_times_s, 0.02 / np.sqrt(3.0)))  # any instant of a cycle
     of_triangle = replace(finding, effect="unknown", where=Where("triangle", (tuple(LAYOUT.identities[0].tolist()),)))
     assert [each.effect for each in clock_findings(replace(result, findings=(of_triangle,)))] == ["clock"]
     assert not clock_findings(replace(result, findings=(replace(of_triangle, where=Where()),)))
