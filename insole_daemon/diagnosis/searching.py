@@ -93,7 +93,6 @@ def _search_with_placement(
             del result
             result = search_at(placements)
             break
-    moved = placements.applied_to(seen)
     switching = _rows_while_switching(result, faults)
     if switching is not None:
         priors, placed = result.priors, result.placed
@@ -101,7 +100,7 @@ def _search_with_placement(
         result = replace(_search_under(priors, switching, faults), placed=placed)
     if not result.placed:
         return result
-    by_the_map = seen.replaced(Move(), ())
+    moved, by_the_map = placements.applied_to(seen), seen.replaced(Move(), ())
     weights = np.where(faults.weights_of(moved) > 0.0, faults.weights_of(by_the_map), 0.0)
     return replace(result, before=count_errors(refine(block_design(KnownLoad(by_the_map), weights), ()), ()).before)
 

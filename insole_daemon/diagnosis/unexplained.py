@@ -53,10 +53,11 @@ def _has_memory(refined: Refined[Any]) -> bool:
 
 
 def least_gain_beside_unknown(errors: HeldoutErrors, whole: Design | BlockDesign, unexplained: float) -> float:
-    """Return the least gain of an effect that is reported beside `unknown`: a weaker one may be a part of that.
+    """Return the least gain with which an effect is reported beside `unknown`.
 
-    If the effect is there, what is left is less than the possible misfit of its law. `unexplained`: squared residual
-    beyond the noise. Gains are in variances of the noise.
+    A law describes an effect that is there with an error of at most UNKNOWN_OF_MEMORY of its gain. If `unexplained`,
+    the squared residual beyond the noise, is larger, the effect may be a part of the unknown one. Gains are in
+    variances of the noise.
     """
     if explains_little(errors, whole) or leaves_much(errors, whole):
         return float(np.inf)
