@@ -29,8 +29,8 @@ WITHIN_PRIORS = 4.0  # times the misfit of others: least size of a static effect
 # Fraction of a memory's mean square that the law of another family leaves: plays of Dahl's friction, sums of
 # relaxations of activated creep.
 MISFIT_OF_MEMORY = 0.1
-# The law of another memory describes at most half of a misfit: UNDESCRIBED times what both leave beyond the noise, of
-# which the part LEAST_UNDESCRIBED is uncertain.
+# The law of another memory describes at most half of a misfit, and so does a delay or lag of a walk: UNDESCRIBED times
+# what the set leaves beyond the noise, of which the part LEAST_UNDESCRIBED is uncertain.
 UNDESCRIBED, LEAST_UNDESCRIBED = 1.0, 0.1
 # Fraction of a static effect's mean square that another one at the same place may explain: a changed curve has one
 # cause, which no static word describes exactly. WITHIN_PRIORS makes it a tenth.
@@ -70,8 +70,11 @@ class Penalties(Protocol):
         `chosen`: numbers of the candidates `terms`; `shares`: their fitted shares; `left`: the squared residual.
         """
 
-    def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
-        """Return the penalty of a delay or a lag of the whole insole beside the set `terms`."""
+    def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array], left: float) -> float:
+        """Return the penalty of a delay or a lag of the whole insole beside the set `terms`.
+
+        `left`: the squared residual of both.
+        """
 
     def misfit(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Return the sum of squares that the laws of the set `terms` may fail to describe."""
@@ -97,6 +100,11 @@ def _search_penalty(candidate: PlacedTerm, n_columns: float, n_rows: int, least_
     early = EARLY * least_gain if candidate.settings[0].get("early_s") else 0.0
     n = n_columns + 0.5 * len(candidate.companions)
     return float(early + ODDS + n * np.log(n_rows) + 2 * np.log(searched))
+
+
+def _most_misfit(design: Regression, left: float) -> float:
+    """Return the largest misfit of a law that another one describes, if the squared residual `left` remains."""
+    return UNDESCRIBED * max(left - design.noise, LEAST_UNDESCRIBED * design.noise)
 
 
 class WrenchPenalties:
@@ -211,9 +219,10 @@ class WrenchPenalties:
                 return True
         return False
 
-    def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
-        """Return the penalty of a term without places, plus the misfit of the set."""
-        return self._smallest_gain + ODDS + self.misfit(terms, shares)
+    def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array], left: float) -> float:
+        """Return the penalty of a term without places, plus the misfit of the set, limited by what the set leaves."""
+        misfit = min(self.misfit(terms, shares), _most_misfit(self.design, left))
+        return self._smallest_gain + ODDS + misfit
 
     def misfit(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Return the sum of the misfits of the terms, and of the memories that were undone."""
@@ -275,8 +284,7 @@ class BlockPenalties:
                 return np.inf
             misfit = self._misfit(terms, shares, i)
             if candidate.term.is_memory:
-                noise = self.design.noise
-                misfit = min(misfit, UNDESCRIBED * max(left - noise, LEAST_UNDESCRIBED * noise))
+                misfit = min(misfit, _most_misfit(self.design, left))
             penalty += self.term_penalty(chosen[i], candidate, terms)
             if self.design.is_within_priors(candidate):
                 least = float(self.design.least[chosen[i]]) + WITHIN_PRIORS * misfit
@@ -312,7 +320,7 @@ class BlockPenalties:
                 penalty += one.term.misfit_of(True) * whole
         return penalty
 
-    def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
+    def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array], left: float) -> float:
         """Return the penalty of a term of the whole insole, plus the misfit of the set."""
         return float(self.design.least.max()) + ODDS + self.misfit(terms, shares)
 

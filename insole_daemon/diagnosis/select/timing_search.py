@@ -193,7 +193,7 @@ def _fit_from(
         known = best.chosen  # with which the next round begins if it has the same columns
         every = [search.design.candidates[k] for k in best.chosen]
         left = search.design.total - best.score
-        penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
+        penalty = len(words) * search.penalties.timing_penalty(every, best.shares, search.design.total - best.gain)
         fitted = TimingFit(words, timing, left + penalty, search, best)
         round_ += 1
         if is_last:

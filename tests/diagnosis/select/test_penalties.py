@@ -150,8 +150,23 @@ def test_a_term_of_a_walk_exceeds_the_misfit_of_the_memories_that_were_undone(tm
     assert raised_by(1e3) == pytest.approx(0.05 * read.undone)
     small = np.full(len(columns), 1e-3)
     assert raised_by(1e-3) == pytest.approx(float(small @ plain.gram[np.ix_(columns, columns)] @ small))
-    timing_alone, timing = (WrenchPenalties(each).timing_penalty((), ()) for each in (plain, read))
+    timing_alone, timing = (WrenchPenalties(each).timing_penalty((), (), np.inf) for each in (plain, read))
     assert timing - timing_alone == pytest.approx(0.05 * read.undone)
-    of_crosstalk = WrenchPenalties(plain).timing_penalty([crosstalk], [np.ones(len(columns))])
-    size = plain.gram[np.ix_(columns, columns)].sum()
-    assert of_crosstalk - timing_alone == pytest.approx(crosstalk.term.misfit * size)
+
+
+def test_a_delay_of_a_walk_describes_at_most_half_of_a_misfit(tmp_path):
+    recording = insole_daemon.load(write_walk(tmp_path / "walk", seconds=20.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    design = wrench_design(LoadEstimate(seen), seen.weight_variance**-0.5, np.zeros(len(seen.arms), bool))
+    crosstalk = next(one for one in design.candidates if one.word == "crosstalk")
+    columns = crosstalk.columns
+    shares = np.full(len(columns), np.sqrt(100.0 * design.noise / design.gram[np.ix_(columns, columns)].sum()))
+    penalties = WrenchPenalties(design)
+
+    def raised_by(left: float) -> float:
+        return penalties.timing_penalty([crosstalk], [shares], left) - penalties.timing_penalty((), (), left)
+
+    misfit = crosstalk.term.misfit * 100.0 * design.noise
+    assert raised_by(10.0 * design.noise) == pytest.approx(misfit)
+    assert raised_by(1.5 * design.noise) == pytest.approx(0.5 * design.noise)
+    assert raised_by(0.5 * design.noise) == pytest.approx(0.1 * design.noise)
