@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from ...physics.law import Array
 from ..finding import Finding
@@ -22,6 +22,7 @@ WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
 LEAST_KEPT = 0.2  # of the noise of readings, in the rows of a window: less is in a gap
 LEAST_TIMES, UNDER_LOAD = 4, 0.9  # bursts; share of pairs of a noisy and a quiet window in which the former bears more
 MOST_CUT_OFF = 0.5  # of a window's readings at an end of their range
+AROUND_S, MOST_CUT_OFF_AROUND = 0.3, 0.02  # readings about a row; share at an end beyond which the others are biased
 
 
 def detect_noise_bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
@@ -72,6 +73,17 @@ def detect_noise_bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     text = f"readings scatter {np.median(window_ratio[is_loud]):.1f} times as much as usual {in_words}"
     where = place_of_triangles(np.flatnonzero(has_bursts).tolist(), seen.layout)
     return noise_ratio, [make_fault_finding(seen, word, where, when, text)]
+
+
+def biased_in_bursts(seen: WrenchObservation, noise_ratio: Array) -> NDArray[np.bool_]:
+    """Return the rows (N, T) in which the readings of a triangle with bursts are near an end of their range.
+
+    The noise is cut off at one side, so their mean is biased, for which no variance allows. Where most of it is cut off
+    a burst is not detected, so these are not only rows of bursts. `noise_ratio`: as of `detect_noise_bursts`.
+    """
+    share = seen.cut_off.sum(axis=2) / np.maximum(seen.usable.sum(axis=1), 1)
+    around = uniform_filter1d(share, 2 * round(0.5 * AROUND_S / seen.step_s) + 1, axis=0)
+    return np.asarray((noise_ratio > 1.0).any(axis=0) & (around > MOST_CUT_OFF_AROUND))
 
 
 def _is_under_load(

@@ -19,7 +19,7 @@ from .broken_taxels import detect_contact_faults, detect_stuck_bits, substitute_
 from .fault_finding import make_fault_finding
 from .hidden_faults import common_variance_ratios, detect_pick_up
 from .lost_frames import detect_lost_frames
-from .noise_bursts import detect_noise_bursts
+from .noise_bursts import biased_in_bursts, detect_noise_bursts
 from .paired import PairedObservation
 from .reference_leaps import detect_reference_leaps
 from .rezeros import correct_rezeros
@@ -88,6 +88,8 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     seen, odd_taxels = correct_taxels(seen, working & has_load)
     frame_loss = detect_lost_frames(seen, substituted, since_s)
     burst_ratio, bursts = detect_noise_bursts(seen)
+    if bursts and seen.load_is_known:
+        seen = replace(seen, missing=seen.missing | biased_in_bursts(seen, burst_ratio))
     pick_up_ratio, pick_up = _pick_up(seen)
     seen = replace(seen, noise_ratio=np.maximum(burst_ratio, pick_up_ratio))
     spikes, leaps = detect_reference_leaps(seen)

@@ -80,7 +80,7 @@ class WrenchObservation:
     period_s: Array  # (T,) between two readings of each triangle
     activation_count: Array  # (N, T, 12) baseline − count; 0 for taxels that are not used
     usable: NDArray[np.bool_]  # (T, 12) taxels whose readings are used
-    missing: NDArray[np.bool_]  # (N, T) rows in a gap of the triangle's readings
+    missing: NDArray[np.bool_]  # (N, T) rows in a gap of the triangle's readings, or in which a burst biases them
     noise_count: Array  # (T, 12) standard deviation of a reading
     reference: ReferenceWrench
     offset_s: float  # time of the reference's clock at t_s = 0

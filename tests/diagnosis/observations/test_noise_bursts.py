@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from insole_daemon.diagnosis.observations.noise_bursts import detect_noise_bursts
+from insole_daemon.diagnosis.observations.noise_bursts import biased_in_bursts, detect_noise_bursts
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.recording.loading import load
 
@@ -60,6 +60,25 @@ def test_noise_that_is_common_to_taxels_weighs_their_rows_as_the_noise_of_their_
         assert finding.where.ids == ((still.layout.identities[0, 0],),)
         assert ratio[middle, board] == pytest.approx(expected, rel=0.25)
         assert np.all(ratio[middle, ~board] == 1.0)
+
+
+def test_rows_of_a_burst_whose_noise_is_cut_off_at_one_side_are_not_used(still):
+    """The load lifts the readings from the end of their range for three seconds of every six."""
+    n = len(still.t_s)
+    is_burst = (np.arange(n) > 0.4 * n) & (np.arange(n) < 0.6 * n)
+    board = still.layout.identities[:, 0] == still.layout.identities[0, 0]
+    is_loaded = still.t_s % 6.0 < 3.0
+    top = np.where(still.usable, still.calibration.baseline_count - 255.0, 0.0)  # activation of the largest count
+    seen = replace(still, activation_count=top + np.where(is_loaded, 60.0, 3.0)[:, None, None])
+    seen = with_noise(seen, np.where(is_burst[:, None, None] & board[:, None], 8.0, 0.5), np.zeros(n))
+    seen = replace(seen, activation_count=np.maximum(seen.activation_count, top))
+    ratio, _ = detect_noise_bursts(seen)
+    is_biased = biased_in_bursts(seen, ratio)
+    middle = (np.arange(n) > 0.45 * n) & (np.arange(n) < 0.55 * n)
+    is_far = np.abs((still.t_s + 1.5) % 3.0 - 1.5) > 0.2  # from a change of the load
+    assert is_biased[middle & ~is_loaded & is_far][:, board].all()
+    assert not is_biased[middle & is_loaded & is_far][:, board].any()
+    assert not is_biased[:, ~board].any()
 
 
 @pytest.mark.parametrize(("shift", "word"), [(0, "unknown"), (1, "noise_burst")])
