@@ -167,14 +167,15 @@ class WrenchPenalties:
     ) -> float:
         """Return the penalties of all terms, each with the misfit of the others, at most its own sum of squares.
 
-        Memories that a chamber's model undid are among the others.
+        Memories that a chamber's model undid are among the others. What a term's companions explain counts as its own.
 
         The same word at other places counts with the sum of squares of all of them together: an effect of the insole
         that was selected at many places has the misfit of one law. inf if a term only lends its mean curve to others.
         """
         if not terms:
             return 0.0
-        if self._is_curve_alone(terms, shares):
+        coefficient = self._coefficients(terms, shares)
+        if self._is_curve_alone(terms, shares, coefficient):
             return np.inf
         effect = self.design.gram[:, np.concatenate([one.columns for one in terms])]
         starts = np.cumsum([0, *(len(one.columns) for one in terms)])
@@ -191,21 +192,29 @@ class WrenchPenalties:
             misfit = self._undone_misfit + float(misfits[other] @ np.diag(products)[other])
             misfit = 0.0 if self._is_shown_at_rest(chosen[i]) else misfit
             misfit += misfits[i] * max(float(products[np.ix_(siblings, siblings)].sum()), 0.0)
-            penalty += self.term_penalty(chosen[i], candidate, terms) + min(misfit, float(products[i, i]))
+            columns = np.concatenate([candidate.columns, candidate.companions])
+            gram = self.design.gram[columns[:, None], columns]
+            explained = float(coefficient[columns] @ gram @ coefficient[columns])
+            penalty += self.term_penalty(chosen[i], candidate, terms) + min(misfit, explained)
             if candidate.is_recalibration and candidate.term.plausible:
                 # Prior of the share: small changes everywhere are more probable than a very large one at one place.
                 penalty += 2.0 * np.log1p((float(np.abs(shares[i]).max()) / candidate.term.plausible) ** 2)
         return penalty
 
-    def _is_curve_alone(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> bool:
+    def _coefficients(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> Array:
+        """Return the coefficients (p,) of the columns of `terms` and of their companions; 0 for other columns."""
+        own = np.concatenate([one.columns for one in terms])
+        companions, of_companions = solve_companions(self.design, terms, shares)
+        coefficient = np.zeros(len(self.design.cross))
+        coefficient[own], coefficient[companions] = np.concatenate(shares), of_companions
+        return coefficient
+
+    def _is_curve_alone(self, terms: Sequence[PlacedTerm], shares: Sequence[Array], coefficient: Array) -> bool:
         """Return whether a memory or snap moves the readings hardly more than a changed static curve does.
 
-        A play wider than the load never moves, and is then nothing but a reason for a mean curve.
+        A play wider than the load never moves, and is then nothing but a reason for a mean curve. `coefficient`: as of
+        `_coefficients`.
         """
-        own = np.concatenate([one.columns for one in terms])
-        companions, coefficients = solve_companions(self.design, terms, shares)
-        coefficient = np.zeros(len(self.design.cross))
-        coefficient[own], coefficient[companions] = np.concatenate(shares), coefficients
         for one, of_term in zip(terms, shares, strict=True):
             if not one.companions_of(mean_curve.TERM.word):
                 continue

@@ -11,6 +11,7 @@ import insole_daemon
 from insole_daemon.diagnosis.load_estimate import KnownLoad, LoadEstimate
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
 from insole_daemon.diagnosis.model.design import design as wrench_design
+from insole_daemon.diagnosis.model.solve import solve_companions
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.select.penalties import BlockPenalties, WrenchPenalties
 
@@ -152,6 +153,27 @@ def test_a_term_of_a_walk_exceeds_the_misfit_of_the_memories_that_were_undone(tm
     assert raised_by(1e-3) == pytest.approx(float(small @ plain.gram[np.ix_(columns, columns)] @ small))
     timing_alone, timing = (WrenchPenalties(each).timing_penalty((), (), np.inf) for each in (plain, read))
     assert timing - timing_alone == pytest.approx(0.05 * read.undone)
+
+
+def test_what_the_companions_of_a_term_explain_may_be_a_misfit_too(tmp_path):
+    recording = insole_daemon.load(write_walk(tmp_path / "walk", seconds=20.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    undone = replace(seen, undone=frozenset({"creep"}), undone_change=100.0 * seen.wrench)
+    plain, read = (
+        wrench_design(
+            LoadEstimate(each), each.weight_variance**-0.5, np.zeros(len(each.arms), bool)
+        ).without_companions(("mean_curve",))
+        for each in (seen, undone)
+    )
+    k = next(k for k, one in enumerate(plain.candidates) if one.word == "creep")
+    creep = plain.candidates[k]
+    shares = [np.full(len(creep.columns), 1e-3)]
+    of_read, of_plain = (WrenchPenalties(each).set_penalty([k], [creep], shares, 0.0) for each in (read, plain))
+    companions, coefficients = solve_companions(plain, [creep], shares)
+    columns = np.concatenate([creep.columns, companions])
+    coefficient = np.concatenate([*shares, coefficients])
+    assert np.abs(coefficients).max() > 0.0
+    assert of_read - of_plain == pytest.approx(coefficient @ plain.gram[np.ix_(columns, columns)] @ coefficient)
 
 
 def test_a_delay_of_a_walk_describes_at_most_half_of_a_misfit(tmp_path):
