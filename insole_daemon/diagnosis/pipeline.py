@@ -24,7 +24,7 @@ from .observations.chamber import ChamberObservation
 from .observations.wrench import WrenchObservation
 from .observing import observed, refuse_mixture, refuse_still
 from .one_recording import diagnose_one
-from .read_by_model import MEMORIES, ChamberModel, read_by
+from .read_by_model import MEMORIES, ChamberModel, read_by, with_bursts_as_read
 from .result import Diagnosis, RecordingResult
 from .terms import creep_by_reference, mean_curve
 from .timings import clock_of
@@ -112,7 +112,8 @@ def _diagnose_each(
             progress(f"reading {seen.name} by the model of the chamber")
             again = diagnose_one(read_by(model, seen, foot), foot, progress)
             if _is_better(again, result, model.words):
-                result = replace(again, figures=replace(again.figures, before=result.figures.before))
+                findings = with_bursts_as_read(again.findings, result.findings)
+                result = replace(again, findings=findings, figures=replace(again.figures, before=result.figures.before))
                 undone[i] = model.words
             _release(result, seen)
         results[i] = result

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from ..physics.chain import Chain
 from ..physics.curve_inverse import CurveInverse
 from ..physics.law import Array
 from ..recording.loading import FootRecording, as_configured
+from .finding import Finding
 from .floor import noise_of_readings
 from .observations.wrench import WrenchObservation
 from .terms import TERMS
@@ -69,3 +70,12 @@ def read_by(model: ChamberModel, seen: WrenchObservation, foot: FootRecording) -
         seen, activation_count=activation, usable=usable, noise_count=noise_count,
         undone=model.words, undone_change=undone_change,
     )  # fmt: skip
+
+
+def with_bursts_as_read(findings: Sequence[Finding], as_read: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return the findings of a walk that was read by a model, with the bursts of noise of those of the walk `as_read`.
+
+    How much undoing a memory amplifies the noise of a reading depends on the load before it, which looks like bursts.
+    """
+    bursts = [finding for finding in as_read if finding.effect == "noise_burst"]
+    return (*(finding for finding in findings if finding.effect != "noise_burst"), *bursts)
