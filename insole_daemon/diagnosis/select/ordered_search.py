@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from ..model.blocks import BlockDesign
 from ..model.refine import refine
@@ -41,7 +40,7 @@ def on_signal_path(
             if any(other.word == term.word and overlap(other.where, term.where) for other in kept)
         ]  # fmt: skip
         if len(remaining) == len(acting):
-            return with_refined_snaps(_refitted(first, among, ordered))
+            return with_refined_snaps(first.refitted(among, ordered))
         acting = remaining
         del among, kept  # designs are large
     return None
@@ -63,15 +62,7 @@ def with_refined_snaps(first: TimingFit[BlockDesign]) -> TimingFit[BlockDesign]:
     chosen = [first.search.design.candidates[k] for k in first.best.chosen]
     if not any(acts_on_load(term) and term.term.column is not None for term in chosen):
         return first
-    return _refitted(first, *with_refined_settings(first.search, first.best))
-
-
-def _refitted(
-    first: TimingFit[BlockDesign], search: SubsetSearch[BlockDesign], best: FittedSet
-) -> TimingFit[BlockDesign]:
-    """Return the hypothesis `first` with another search and its best set."""
-    more = (search.design.total - best.score) - (first.search.design.total - first.best.score)
-    return replace(first, criterion=first.criterion + more, search=search, best=best)
+    return first.refitted(*with_refined_settings(first.search, first.best))
 
 
 def with_refined_settings(

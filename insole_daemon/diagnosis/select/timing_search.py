@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic
+from typing import Any, Generic, Self
 
 import numpy as np
 
@@ -27,6 +27,23 @@ class TimingHypothesis:
     words: tuple[str, ...]  # "delay", "lag", or "clock" where readings come early
     timing: Timing
     criterion: float  # squared residual plus penalties of its best set, variances of the noise
+    left: float  # the squared residual alone
+    n_terms: int  # those of its best set, and its words
+
+    def beside(self, other: TimingHypothesis) -> Self:
+        """Return the hypothesis with a criterion above that of `other`, if that leaves less with fewer terms.
+
+        The smallest effect of a few triangles is smaller than that of the insole, so the penalties of a set of these
+        can be smaller than that of a single effect of the insole.
+        """
+        if not (other.n_terms < self.n_terms and other.left < self.left):
+            return self
+        return replace(self, criterion=max(self.criterion, other.criterion + self.left - other.left))
+
+    @property
+    def hypothesis(self) -> TimingHypothesis:
+        """Return the hypothesis without a search, whose design is large."""
+        return TimingHypothesis(self.words, self.timing, self.criterion, self.left, self.n_terms)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +52,12 @@ class TimingFit(TimingHypothesis, Generic[D]):
 
     search: SubsetSearch[D]
     best: FittedSet
+
+    def refitted(self, search: SubsetSearch[D], best: FittedSet) -> TimingFit[D]:
+        """Return the hypothesis with another search and its best set, and the same penalty of its times."""
+        more = (search.design.total - best.score) - (self.search.design.total - self.best.score)
+        left, n_terms = search.design.total - best.gain, len(self.words) + len(best.chosen)
+        return TimingFit(self.words, self.timing, self.criterion + more, left, n_terms, search, best)
 
 
 def search_timings(
@@ -62,6 +85,7 @@ def search_timings(
         nonlocal best
         start = before.get(words, start)
         one = _best_of(first, make, words, is_free_clock, start, untimed)
+        one, best = one.beside(best), best.beside(one)
         best, other = (one, best) if one.criterion < best.criterion else (best, one)
         others.append(other)
         alone = None if start is not None else _alone(first, one.timing, words, is_free_clock)
@@ -83,7 +107,7 @@ def search_timings(
         early = fit_timing(first, (), Timing(), *_freedom(("clock",), is_free_clock))
         if early.delay_s < -NEAR.delay_s:
             add(("clock",), early)
-    others = [TimingHypothesis(each.words, each.timing, each.criterion) for each in others]
+    others = [each.hypothesis.beside(best) for each in others]
     if best.words or not isinstance(best, TimingFit):
         reached = best
         del best, untimed
@@ -119,8 +143,9 @@ def _best_of(
     fitted = _fit_from(start, first, make, words, free, within_s, untimed=untimed)
     if not words:
         return fitted
-    criterion = np.inf if _is_short_lag(fitted, first) else fitted.criterion
-    return TimingHypothesis(words, fitted.timing, criterion)
+    if _is_short_lag(fitted, first):
+        return TimingHypothesis(words, fitted.timing, np.inf, np.inf, fitted.n_terms)
+    return fitted.hypothesis
 
 
 def _alone(first: D, reached: Timing, words: tuple[str, ...], is_free_clock: bool) -> Timing | None:
@@ -192,26 +217,26 @@ def _fit_from(
         best = search.run(known)[0]
         known = best.chosen  # with which the next round begins if it has the same columns
         every = [search.design.candidates[k] for k in best.chosen]
-        left = search.design.total - best.score
-        penalty = len(words) * search.penalties.timing_penalty(every, best.shares, search.design.total - best.gain)
-        fitted = TimingFit(words, timing, left + penalty, search, best)
+        left, penalised = search.design.total - best.gain, search.design.total - best.score
+        penalty = len(words) * search.penalties.timing_penalty(every, best.shares, left)
+        fitted = TimingFit(words, timing, penalised + penalty, left, len(words) + len(every), search, best)
         round_ += 1
         if is_last:
             return fitted
-        if left > least:
+        if penalised > least:
             if before is not None:
                 return before
             timing, is_last = Timing(), True  # worse than without any term and timing
         elif round_ == ROUNDS:
             return fitted
         else:
-            if round_ == 1 and untimed is not None and _is_clearly_worse(left, untimed):
+            if round_ == 1 and untimed is not None and _is_clearly_worse(penalised, untimed):
                 again = fit_timing(first, untimed.best.chosen, untimed.timing, free, within_s)
             else:
                 again = fit_timing(design, best.chosen, timing, free, within_s)
             if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
                 return fitted
-            before, least = TimingHypothesis(words, timing, fitted.criterion), left
+            before, least = fitted.hypothesis, penalised
             timing = again
         if _is_moved(made_for, timing, near):
             design = first

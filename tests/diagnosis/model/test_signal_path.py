@@ -70,7 +70,7 @@ def test_a_term_that_the_set_under_the_changed_load_lacks_changes_no_load(tmp_pa
     candidates = search.design.candidates
     k = next(k for k, term in enumerate(candidates) if term.word == "snap" and term.where.scope == "insole")
     best = FittedSet((k,), (np.array([STEP_PA / 1e3]),), gain=0.0, score=-1e12)
-    first = TimingFit((), Timing(), criterion=1e12, search=search, best=best)
+    first = TimingFit((), Timing(), criterion=1e12, left=1e12, n_terms=1, search=search, best=best)
     assert on_signal_path(first, first, make) is None
 
 

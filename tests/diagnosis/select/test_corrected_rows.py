@@ -25,7 +25,7 @@ def rows_after(design, late_rows: int, pa: float) -> Any:
     step = design.contribution(design.candidates[k], np.array([pa / 1e3]))
     blurred = 0.5 * (step + np.roll(step, late_rows, axis=1)) * (design.weights.T > 0.0)
     search = SubsetSearch(replace(design, y=design.y + blurred))
-    result = SearchResult(TimingFit((), Timing(), 0.0, search, search.fit((k,))), ())
+    result = SearchResult(TimingFit((), Timing(), 0.0, 0.0, 1, search, search.fit((k,))), ())
     faults: Any = SimpleNamespace(weights_of=lambda seen: design.weights)
     return _rows_while_switching(result, faults)
 
