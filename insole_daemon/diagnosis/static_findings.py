@@ -13,7 +13,7 @@ from .finding import Finding, Quantity, heldout_of
 from .model.blocks import RECALIBRATIONS, BlockDesign
 from .model.refine import Refined
 from .parameters import with_misfit
-from .select.penalties import MOST_SQUARE
+from .select.block_penalties import MOST_SQUARE
 from .select.static_part import StaticPart, static_part, static_part_of_board
 from .select.wrench_errors import HeldoutErrors
 

@@ -13,7 +13,8 @@ from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
 from insole_daemon.diagnosis.model.design import design as wrench_design
 from insole_daemon.diagnosis.model.solve import solve_companions
 from insole_daemon.diagnosis.observing import observed
-from insole_daemon.diagnosis.select.penalties import BlockPenalties, WrenchPenalties
+from insole_daemon.diagnosis.select.block_penalties import BlockPenalties
+from insole_daemon.diagnosis.select.wrench_penalties import WrenchPenalties
 
 from ..chamber import Array, relaxing, write
 from ..foot.shoe import write as write_walk
