@@ -197,7 +197,7 @@ class WrenchObservation:
         """Return the same rows with the curves that were handed in."""
         return self if self.handed_in is None else replace(self, calibration=self.handed_in, handed_in=None)
 
-    @property
+    @cached_property
     def top_count(self) -> Array:
         """Return the activation (T, 12) above which the curves are straight."""
         return np.minimum(self._highest_count, float(self.activation_count.max()) + ABOVE_READINGS)
@@ -242,10 +242,9 @@ class WrenchObservation:
         return np.asarray(eigenvectors[:, eigenvalues > noise_edge**2])
 
     def static_pa(self, activation_count: Array) -> Array:
-        """Return the pressure (N, T, 12) by the static curves, straight beyond the calibrated range."""
-        highest = self._highest_count
+        """Return the pressure (N, T, 12) by the static curves, straight below zero and above `top_count`."""
         slope_at_0 = self.slope_at(np.zeros((1, *self.usable.shape)))
-        slope_at_top = self.slope_at(np.where(np.isfinite(highest), highest, 0.0)[None])
+        slope_at_top = self.slope_at(self.top_count[None])
         pressure = np.empty(activation_count.shape)
         for first in range(0, len(pressure), AT_ONCE):
             count = activation_count[first : first + AT_ONCE]
@@ -274,8 +273,8 @@ class WrenchObservation:
         return np.asarray(np.where(self.usable, np.minimum(highest, turning_count(self.coefficients, highest)), np.inf))
 
     def _inside(self, activation_count: Array) -> Array:
-        """Return the nearest activation within the calibrated range."""
-        return np.asarray(np.clip(activation_count, 0.0, self._highest_count))
+        """Return the nearest activation at which the curves are not straight."""
+        return np.asarray(np.clip(activation_count, 0.0, self.top_count))
 
     @cached_property
     def by_triangle(self) -> Array:
