@@ -7,8 +7,8 @@ import numpy as np
 from ..model.regression import PlacedTerm, Regression
 
 EARLY = 4.0  # additional least gains if readings come before their load, the least plausible hypothesis
-# The law of another memory describes at most half of a misfit, and so does a delay or lag of a walk: UNDESCRIBED times
-# what the set leaves beyond the noise, of which the part LEAST_UNDESCRIBED is uncertain.
+# The law of another memory describes at most half of a misfit, and so does a delay or lag of a walk, but for that of a
+# viscoelasticity: UNDESCRIBED times what the set leaves beyond the noise, of which LEAST_UNDESCRIBED is uncertain.
 UNDESCRIBED, LEAST_UNDESCRIBED = 1.0, 0.1
 # Fraction of a static effect's mean square that another one at the same place may explain: a changed curve has one
 # cause, which no static word describes exactly. WITHIN_PRIORS makes it a tenth.

@@ -10,9 +10,10 @@ from ...physics.law import Array
 from ..model.design import Design
 from ..model.regression import PlacedTerm
 from ..model.solve import solve_companions, with_ridge
-from ..terms import TERMS, mean_curve
+from ..terms import TERMS, mean_curve, viscoelasticity
 from .penalty_parts import MISFIT_OF_STATIC, ODDS, most_misfit, search_penalty
 
+LIKE_A_LAG = frozenset({viscoelasticity.TERM.word})  # memories whose misfit a lag describes
 LEAST_EVIDENCE = 40.0  # least gain of a recalibration of which the priors of nuisances absorb a part
 
 
@@ -138,8 +139,14 @@ class WrenchPenalties:
         return False
 
     def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array], left: float) -> float:
-        """Return the penalty of a term without places, plus the misfit of the set, limited by what the set leaves."""
-        misfit = min(self.misfit(terms, shares), most_misfit(self.design, left))
+        """Return the penalty of a term without places, plus the misfit of the set, limited by what the set leaves.
+
+        That of a viscoelasticity is not limited: a lag, a relaxation too, describes what one time constant leaves.
+        """
+        alike = sum(
+            self.tolerated_loss(one, own) for one, own in zip(terms, shares, strict=True) if one.word in LIKE_A_LAG
+        )
+        misfit = alike + min(self.misfit(terms, shares) - alike, most_misfit(self.design, left))
         return self._smallest_gain + ODDS + misfit
 
     def misfit(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:

@@ -193,3 +193,16 @@ def test_a_delay_of_a_walk_describes_at_most_half_of_a_misfit(tmp_path):
     assert raised_by(10.0 * design.noise) == pytest.approx(misfit)
     assert raised_by(1.5 * design.noise) == pytest.approx(0.5 * design.noise)
     assert raised_by(0.5 * design.noise) == pytest.approx(0.1 * design.noise)
+
+
+def test_a_lag_of_a_walk_exceeds_the_whole_misfit_of_a_viscoelasticity(tmp_path):
+    recording = insole_daemon.load(write_walk(tmp_path / "walk", seconds=20.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    design = wrench_design(LoadEstimate(seen), seen.weight_variance**-0.5, np.zeros(len(seen.arms), bool))
+    memory = next(one for one in design.candidates if one.word == "viscoelasticity")
+    size = design.gram[np.ix_(memory.columns, memory.columns)].sum()
+    shares = np.full(len(memory.columns), np.sqrt(100.0 * design.noise / size))
+    penalties = WrenchPenalties(design)
+    alone = penalties.timing_penalty((), (), design.noise)
+    misfit = memory.term.misfit * 100.0 * design.noise
+    assert penalties.timing_penalty([memory], [shares], design.noise) - alone == pytest.approx(misfit)
