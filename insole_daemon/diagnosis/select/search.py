@@ -245,7 +245,8 @@ class SubsetSearch(Generic[D]):
     def _gains_with_companions(self, rest: Sequence[int], added: Sequence[int]) -> tuple[float, list[float]]:
         """Return what the candidates `rest` explain together, and what each of `added` explains beyond that.
 
-        All shares and companions are free, so these are upper bounds.
+        All shares and companions are free, so these are upper bounds. No candidate explains less than nothing, but the
+        matrix of a walk, from which the noise of its columns is subtracted, may not be positive.
         """
         design = self.design
         is_own = np.zeros(len(design.cross), bool)
@@ -263,7 +264,7 @@ class SubsetSearch(Generic[D]):
         for columns in others:
             at = np.searchsorted(new, columns)
             gram = with_ridge(design.gram[columns[:, None], columns]) - between[:, at].T @ solved[:, at]
-            gains.append(float(cross[at] @ np.linalg.solve(gram, cross[at])))
+            gains.append(max(float(cross[at] @ np.linalg.solve(gram, cross[at])), 0.0))
         return float(design.cross[own] @ solved[:, -1]), gains
 
     def _with_companions(self, k: int) -> NDArray[np.intp]:

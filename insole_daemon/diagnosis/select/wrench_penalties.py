@@ -104,7 +104,8 @@ class WrenchPenalties:
             misfit += misfits[i] * max(float(products[np.ix_(siblings, siblings)].sum()), 0.0)
             columns = np.concatenate([candidate.columns, candidate.companions])
             gram = self.design.gram[columns[:, None], columns]
-            explained = float(coefficient[columns] @ gram @ coefficient[columns])
+            # Without the noise of its columns, a Gram matrix may have a negative square for large coefficients.
+            explained = max(float(coefficient[columns] @ gram @ coefficient[columns]), 0.0)
             penalty += self.term_penalty(chosen[i], candidate, terms) + min(misfit, explained)
             if candidate.is_recalibration and candidate.term.plausible:
                 # Prior of the share: small changes everywhere are more probable than a very large one at one place.
