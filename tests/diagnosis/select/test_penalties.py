@@ -132,12 +132,17 @@ def test_drifts_of_all_boards_may_explain_as_little_of_a_memorys_misfit_as_one_o
     assert sum(raised_by([k]) for k in boards) == pytest.approx(0.25 * raised_by(boards), rel=1e-3)
 
 
-def test_a_term_of_a_walk_exceeds_the_misfit_of_the_memories_that_were_undone(tmp_path):
-    recording = insole_daemon.load(write_walk(tmp_path / "walk", seconds=20.0))
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    recording = insole_daemon.load(write_walk(tmp_path_factory.mktemp("walk") / "walk", seconds=20.0))
     (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
-    weights, substituted = seen.weight_variance**-0.5, np.zeros(len(seen.arms), bool)
-    undone = replace(seen, undone=frozenset({"creep"}), undone_change=0.2 * seen.wrench)
-    plain, read = (wrench_design(LoadEstimate(each), weights, substituted) for each in (seen, undone))
+    return seen
+
+
+def test_a_term_of_a_walk_exceeds_the_misfit_of_the_memories_that_were_undone(walk):
+    weights, substituted = walk.weight_variance**-0.5, np.zeros(len(walk.arms), bool)
+    undone = replace(walk, undone=frozenset({"creep"}), undone_change=0.2 * walk.wrench)
+    plain, read = (wrench_design(LoadEstimate(each), weights, substituted) for each in (walk, undone))
     k = next(k for k, one in enumerate(plain.candidates) if one.word == "crosstalk")
     crosstalk, columns = plain.candidates[k], plain.candidates[k].columns
 
@@ -156,15 +161,13 @@ def test_a_term_of_a_walk_exceeds_the_misfit_of_the_memories_that_were_undone(tm
     assert timing - timing_alone == pytest.approx(0.05 * read.undone)
 
 
-def test_what_the_companions_of_a_term_explain_may_be_a_misfit_too(tmp_path):
-    recording = insole_daemon.load(write_walk(tmp_path / "walk", seconds=20.0))
-    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
-    undone = replace(seen, undone=frozenset({"creep"}), undone_change=100.0 * seen.wrench)
+def test_what_the_companions_of_a_term_explain_may_be_a_misfit_too(walk):
+    undone = replace(walk, undone=frozenset({"creep"}), undone_change=100.0 * walk.wrench)
     plain, read = (
         wrench_design(
             LoadEstimate(each), each.weight_variance**-0.5, np.zeros(len(each.arms), bool)
         ).without_companions(("mean_curve",))
-        for each in (seen, undone)
+        for each in (walk, undone)
     )
     k = next(k for k, one in enumerate(plain.candidates) if one.word == "creep")
     creep = plain.candidates[k]
@@ -177,10 +180,8 @@ def test_what_the_companions_of_a_term_explain_may_be_a_misfit_too(tmp_path):
     assert of_read - of_plain == pytest.approx(coefficient @ plain.gram[np.ix_(columns, columns)] @ coefficient)
 
 
-def test_a_delay_of_a_walk_describes_at_most_half_of_a_misfit(tmp_path):
-    recording = insole_daemon.load(write_walk(tmp_path / "walk", seconds=20.0))
-    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
-    design = wrench_design(LoadEstimate(seen), seen.weight_variance**-0.5, np.zeros(len(seen.arms), bool))
+def test_a_delay_of_a_walk_describes_at_most_half_of_a_misfit(walk):
+    design = wrench_design(LoadEstimate(walk), walk.weight_variance**-0.5, np.zeros(len(walk.arms), bool))
     crosstalk = next(one for one in design.candidates if one.word == "crosstalk")
     columns = crosstalk.columns
     shares = np.full(len(columns), np.sqrt(100.0 * design.noise / design.gram[np.ix_(columns, columns)].sum()))
@@ -195,10 +196,8 @@ def test_a_delay_of_a_walk_describes_at_most_half_of_a_misfit(tmp_path):
     assert raised_by(0.5 * design.noise) == pytest.approx(0.1 * design.noise)
 
 
-def test_a_lag_of_a_walk_exceeds_the_whole_misfit_of_a_viscoelasticity(tmp_path):
-    recording = insole_daemon.load(write_walk(tmp_path / "walk", seconds=20.0))
-    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
-    design = wrench_design(LoadEstimate(seen), seen.weight_variance**-0.5, np.zeros(len(seen.arms), bool))
+def test_a_lag_of_a_walk_exceeds_the_whole_misfit_of_a_viscoelasticity(walk):
+    design = wrench_design(LoadEstimate(walk), walk.weight_variance**-0.5, np.zeros(len(walk.arms), bool))
     memory = next(one for one in design.candidates if one.word == "viscoelasticity")
     size = design.gram[np.ix_(memory.columns, memory.columns)].sum()
     shares = np.full(len(memory.columns), np.sqrt(100.0 * design.noise / size))
