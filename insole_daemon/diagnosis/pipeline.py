@@ -60,7 +60,7 @@ def diagnose(
     results, undone = _diagnose_each(observations, feet, progress)
     findings = merging.merge_findings([_findings_of(*each) for each in zip(results, undone, strict=True)])
     names = tuple(recording.folder.name for recording in recordings)
-    heldout = _heldout(results)
+    heldout = _heldout(results, findings)
     first = next((result for result in results if result.seen.load_is_known), results[0])
     effects = _effects(results, first, findings)
     provenance = {"made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0])}
@@ -217,8 +217,13 @@ def _not_identifiable_by_any(results: Sequence[RecordingResult]) -> tuple[dict[s
     )
 
 
-def _heldout(results: Sequence[RecordingResult]) -> dict[str, Any]:
-    """Return the held-out errors, pooled over recordings: of counts if the load is known, else of the wrench."""
+def _heldout(results: Sequence[RecordingResult], findings: Sequence[Finding]) -> dict[str, Any]:
+    """Return the held-out errors, pooled over recordings: of counts if the load is known, else of the wrench.
+
+    If all findings are `unknown`, the model is the one handed in, and so is its error.
+    """
+    if findings and all(finding.effect == "unknown" for finding in findings):
+        results = [replace(result, figures=result.figures.of_the_model_handed_in) for result in results]
     known = [result for result in results if result.seen.load_is_known]
     walks = [result for result in results if not result.seen.load_is_known]
     moments = {"m_x": _pooled(walks, 1, "N·m"), "m_y": _pooled(walks, 2, "N·m")} if walks else {}

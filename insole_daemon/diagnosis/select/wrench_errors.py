@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,13 @@ class HeldoutErrors:
     timing_gain: float  # reduction of the mean square by delay and lag of the whole insole, which enter first
     base_shares: Array  # (b,) of the nuisance columns in the fit of the selected set
     recalibrated: CurveShares | None = None  # errors of a chamber's curves that contain the mean curve of a memory
+
+    @property
+    def of_the_model_handed_in(self) -> HeldoutErrors:
+        """Return the errors of a model without any effect: those after are those before."""
+        return replace(
+            self, after=self.before, course_after=self.course_before, floor=np.minimum(self.floor, self.before)
+        )
 
     @property
     def residual_fraction(self) -> float:

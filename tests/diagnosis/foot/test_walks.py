@@ -83,6 +83,16 @@ def test_a_null_has_no_finding(tmp_path, clock):
     assert not found["findings"]
 
 
+def test_a_model_without_any_effect_has_the_error_of_the_one_handed_in(tmp_path):
+    def folded_hum(t_s: Array, read: Array) -> None:
+        read += 2.0 * np.sign(np.sin(2.0 * np.pi * 0.37 * t_s))[:, None]
+
+    found = diagnose_any(write(tmp_path / "walk", touch=folded_hum, clock="own"), tmp_path / "out")
+    assert [each["effect"] for each in found["findings"]] == ["unknown"]
+    for channel in (found["heldout"], found["heldout"]["m_x"], found["heldout"]["m_y"]):
+        assert channel["after"] == channel["before"]
+
+
 def test_standing_before_a_walk_is_no_rezero(tmp_path):
     found = diagnose(write(tmp_path / "walk", seconds=40.0, stands_s=9.0), tmp_path / "out")
     assert not found["findings"]
