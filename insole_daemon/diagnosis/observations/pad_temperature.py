@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.stats import norm
 
 from ...physics.law import Array
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
@@ -25,7 +26,9 @@ WINDOW_S = 2.0  # of the moving average: temperature changes slowly
 LEAST_PADS = 4
 HALF_COUNT = 0.5  # of a pad: what the cutting off of whole counts loses on average
 MOST_CUT_OFF = 0.05  # of a pad's readings at an end of their range
-MOST_AT_END = 0.2  # of a pad's readings in a window: beyond it their mean is off by more than a tenth of their noise
+MOST_AT_END = 0.8  # of a pad's readings in a window: beyond it the error of its level is five times that of their mean
+LEAST_AT_END = 0.05  # of a pad's readings in a window, at the end and not near it: for the window to show the noise
+FAR_SIGMAS = 6.0  # of a pad's noise from an end of its range: none of its readings are cut off
 LEAST_STD_COUNT = 0.1  # of a pad's mean in a window
 LEAST_CORRELATION = 0.9  # of one half of the pads with the other
 MOST_OF_LOAD = 0.5  # of the pads' slow course that the load may cause: with more, the pads follow the load
@@ -73,15 +76,13 @@ def pad_course(seen: WrenchObservation, rezeros: Sequence[Finding]) -> Array | N
     m = len(counts) // rows
     if not m or counts.shape[1] < LEAST_PADS:
         return None
-    in_windows = counts[: m * rows].reshape(m, rows, -1)
-    known = _is_at_end(in_windows).mean(axis=1) < MOST_AT_END
+    values, known = _levels(counts[: m * rows].reshape(m, rows, -1))
     segment = np.zeros(known.shape, np.intp)
     for rezero in rezeros:
         window = int(np.searchsorted(seen.t_s, float(rezero.parameters["t_s"].value))) // rows
         of_board = np.isin(row_of_pad, rezero.where.slots(seen.layout) // N_TAXELS)
         known[window : window + 1, of_board] = False
         segment[window:, of_board] += 1
-    values = in_windows.mean(axis=1)
     moving = np.ma.filled(np.ma.ptp(np.ma.masked_array(values, ~known), axis=0), 0.0) > 0.0
     if np.count_nonzero(moving) < LEAST_PADS:
         return None
@@ -99,6 +100,39 @@ def _pads(seen: WrenchObservation) -> tuple[Array, NDArray[np.intp]]:
     series = [np.interp(seen.t_s, readings.t_s, readings.counts[:, pad]) for readings, pad in pads]
     counts = np.stack(series, axis=1) if series else np.empty((len(seen.t_s), 0))
     return counts, np.repeat(np.array(sending, np.intp), len(PADS))
+
+
+def _levels(in_windows: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the level (m, p) of pads in windows, from readings (m, rows, p) that end at 0 and 255, and whether known.
+
+    Of normal noise with standard deviation σ about a level that is α·σ from the end, the mean of the readings is
+    σ·(α·Φ(α) + φ(α)) from it (J. Tobin, Econometrica 26 (1958) 24). σ is that of windows in range; if a pad has none,
+    the shares of readings at the end and within the next count give it, whose probits differ by 1/σ.
+    """
+    is_low = np.median(in_windows, axis=(0, 1)) < MOST_COUNT / 2
+    inwards = np.where(is_low, in_windows, MOST_COUNT - in_windows)
+    mean, at_end, near_end = inwards.mean(axis=1), (inwards < 0.5).mean(axis=1), (inwards < 1.5).mean(axis=1)
+
+    def distance(alpha: Array) -> Array:
+        return np.asarray(alpha * norm.cdf(alpha) + norm.pdf(alpha))
+
+    in_range = at_end == 0.0
+    is_partly = (at_end > LEAST_AT_END) & (near_end < 1.0 - LEAST_AT_END)
+    probits = [norm.ppf(np.where(is_partly, share, 0.5)) for share in (at_end, near_end)]
+    of_partly = 1.0 / np.maximum(probits[1] - probits[0], 1.0 / MOST_COUNT)
+    noise = np.where(in_range.any(axis=0), _median(inwards.std(axis=1), in_range), _median(of_partly, is_partly))
+    scale = np.maximum(noise, LEAST_STD_COUNT)
+    alpha = np.linspace(-FAR_SIGMAS, FAR_SIGMAS, 241)
+    level = np.where(mean < FAR_SIGMAS * scale, scale * np.interp(mean / scale, distance(alpha), alpha), mean)
+    return np.where(is_low, level, MOST_COUNT - level), (at_end < MOST_AT_END) & np.isfinite(noise)
+
+
+def _median(values: Array, used: NDArray[np.bool_]) -> Array:
+    """Return the median of the used values of each column; NaN if there are none."""
+    some = used.any(axis=0)
+    median = np.full(values.shape[1], np.nan)
+    median[some] = np.nanmedian(np.where(used, values, np.nan)[:, some], axis=0)
+    return median
 
 
 def _is_at_end(counts: Array) -> NDArray[np.bool_]:
