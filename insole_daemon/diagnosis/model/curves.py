@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from ...physics.law import Array
 from ..observations.fitted_curves import invert_curve
+from ..observations.static_curves import StaticCurves
 
 N_SPLINES, DEGREE = 7, 3
 N_TABLE = 1001  # points of a tabulated spline, linear between them
@@ -67,22 +67,15 @@ class CurveShares:
     def corrected(self, curve: Array, top_count: float, row: int, taxel: int) -> Array:
         """Return coefficients (k,) of the corrected curve of taxel (row, taxel).
 
-        `curve`: coefficients of the present one g, Pa, straight above the activation `top_count`. A pressure g(a) is
-        read as a − d(a), d being the deviation. A taxel without rows in the fit keeps g.
+        `curve`: coefficients of the present one g, Pa, straight below zero and above the activation `top_count`. A
+        pressure g(a) is read as a − d(a), d being the deviation. A taxel without rows in the fit keeps g.
         """
         if not self.shares[row, taxel].any():
             return curve
         count = np.linspace(float(self.splines.knots[0]), float(self.reached_count[row, taxel]), N_POINTS)
         splines = np.stack(list(self.splines.at(count)))
         read_count = np.maximum.accumulate(count - self.shares[row, taxel] @ splines)
-        return invert_curve(read_count, _straight_above(count, curve, top_count))
-
-
-def _straight_above(count: Array, curve: Array, top_count: float) -> Array:
-    """Return the pressure (n,) of a curve with coefficients `curve` (k,), straight below 0 and above `top_count`."""
-    slope = polyder(curve)
-    pressure_pa = polyval(np.clip(count, 0.0, top_count), curve) + slope[0] * np.minimum(count, 0.0)
-    return np.asarray(pressure_pa + polyval(top_count, slope) * np.maximum(count - top_count, 0.0))
+        return invert_curve(read_count, StaticCurves(curve, np.array(top_count)).pressure_pa(count))
 
 
 def curve_splines(activation_count: Array, usable: NDArray[np.bool_]) -> CurveSplines:

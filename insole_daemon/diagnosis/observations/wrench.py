@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.polynomial.polynomial import polyder
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
@@ -19,10 +18,10 @@ from scipy.ndimage import maximum_filter1d
 from ...physics.calibration import Calibration
 from ...physics.law import Array
 from ...skin.layout import Layout
-from ..operators import AT_ONCE, polynomial
 from .grid_readings import LEAST_ROWS
 from .readings import TriangleReadings
 from .reference_wrench import ReferenceWrench
+from .static_curves import StaticCurves, turning_count
 
 CHANNELS = ("fz_n", "mx_nm", "my_nm")
 JITTER_S = 0.001  # of a time stamp, beyond the regular clock of a board
@@ -35,8 +34,6 @@ SMALLEST, LARGEST = 0.6, 254.4  # range of counts that are not at an end
 MOST_CLIPPED = 0.2  # share of a triangle's taxels
 LONG_PAUSE_S = 0.15  # of readings: linear interpolation does not follow a step
 UNKNOWN_LOAD = 25.0  # variance of the load in long gaps, as a multiple of the usual one, from which a row is not used
-LEAST_SLOPE = 0.25  # of a curve, as a share of its mean slope
-HIGHEST_ACTIVATION = 255  # counts
 ABOVE_READINGS = 5.0  # counts above the highest reading, to which curves are used
 
 # Fields of an observation that have an entry for each row.
@@ -47,26 +44,6 @@ BY_ROW = (
 CURVE_INDEPENDENT = ("clipped", "cut_off", "saturated", "smooth_count", "_signal_vectors")
 CLOCK_INDEPENDENT = (*CURVE_INDEPENDENT, "arms", "by_triangle", "coefficients", "columns_of_readings")
 NOISE_EDGE = 1.05  # factor on the largest singular value of white noise
-
-
-def _derivative(coefficients: Array) -> Array:
-    """Return the coefficients (k − 1, ...) of the slopes of curves (k, ...)."""
-    return np.asarray(polyder(coefficients), np.float64)
-
-
-def turning_count(coefficients: Array, highest_count: Array | float = np.inf) -> Array:
-    """Return the activation (...) from which curves (k, ...) rise by less than LEAST_SLOPE of their mean; inf if none.
-
-    A static curve cannot turn over: there, readings are beyond those that it was fitted to. `highest_count` (...): up
-    to which the curves are used; what a polynomial does beyond tells nothing.
-    """
-    parts = np.linspace(0.0, 1.0, HIGHEST_ACTIVATION + 1)[1:].reshape(-1, *[1] * (coefficients.ndim - 1))
-    count = parts * np.broadcast_to(np.minimum(highest_count, HIGHEST_ACTIVATION), coefficients.shape[1:])
-    slope, mean_slope = polynomial(count, _derivative(coefficients)), polynomial(count, coefficients[1:])
-    is_past_steepest = np.cumsum(slope == slope.max(axis=0), axis=0) > 0
-    is_flat = (slope < LEAST_SLOPE * mean_slope) & is_past_steepest
-    first = np.take_along_axis(count, np.argmax(is_flat, axis=0)[None], axis=0)[0]
-    return np.where(is_flat.any(axis=0), first, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +177,14 @@ class WrenchObservation:
     @cached_property
     def top_count(self) -> Array:
         """Return the activation (T, 12) above which the curves are straight."""
-        return np.minimum(self._highest_count, float(self.activation_count.max()) + ABOVE_READINGS)
+        used = np.full(self.usable.shape, float(self.activation_count.max()) + ABOVE_READINGS)
+        if self.calibration.highest_count is not None:
+            np.minimum(used, self.calibration.highest_count, out=used, where=self.usable)
+        return np.where(self.usable, np.minimum(used, turning_count(self.coefficients, used)), used)
+
+    @cached_property
+    def _curves(self) -> StaticCurves:
+        return StaticCurves(self.coefficients, self.top_count)
 
     @property
     def pressure_pa(self) -> Array:
@@ -243,17 +227,7 @@ class WrenchObservation:
 
     def static_pa(self, activation_count: Array) -> Array:
         """Return the pressure (N, T, 12) by the static curves, straight below zero and above `top_count`."""
-        slope_at_0 = self.slope_at(np.zeros((1, *self.usable.shape)))
-        slope_at_top = self.slope_at(self.top_count[None])
-        pressure = np.empty(activation_count.shape)
-        for first in range(0, len(pressure), AT_ONCE):
-            count = activation_count[first : first + AT_ONCE]
-            inside = self._inside(count)
-            rows = polynomial(inside, self.coefficients)
-            beyond = np.subtract(count, inside, out=inside)
-            rows += beyond * np.where(beyond < 0.0, slope_at_0, slope_at_top)
-            pressure[first : first + AT_ONCE] = rows
-        return pressure
+        return self._curves.pressure_pa(activation_count)
 
     @property
     def slope_pa(self) -> Array:
@@ -261,20 +235,8 @@ class WrenchObservation:
         return self.zero_where_unloaded(self.slope_at(self.activation_count))
 
     def slope_at(self, activation_count: Array) -> Array:
-        """Return the slope (N, T, 12) of the curves at an activation, Pa per count, and at least LEAST_SLOPE × mean."""
-        slope = polynomial(self._inside(activation_count), _derivative(self.coefficients))
-        least = LEAST_SLOPE * np.mean(slope, axis=0)
-        return np.asarray(np.maximum(slope, np.maximum(least, 0.0), out=slope))
-
-    @cached_property
-    def _highest_count(self) -> Array:
-        """Return the highest activation (T, 12) of the calibrated range, before a curve turns over; inf: unknown."""
-        highest = np.inf if self.calibration.highest_count is None else self.calibration.highest_count
-        return np.asarray(np.where(self.usable, np.minimum(highest, turning_count(self.coefficients, highest)), np.inf))
-
-    def _inside(self, activation_count: Array) -> Array:
-        """Return the nearest activation at which the curves are not straight."""
-        return np.asarray(np.clip(activation_count, 0.0, self.top_count))
+        """Return the slope (N, T, 12) of the curves at an activation, Pa per count (`StaticCurves.slope_pa`)."""
+        return self._curves.slope_pa(activation_count)
 
     @cached_property
     def by_triangle(self) -> Array:

@@ -34,6 +34,15 @@ def test_a_large_deviation_of_a_curve_is_fitted_and_exported_as_a_polynomial():
     assert polyval(above - deviation(above), straight) == pytest.approx(wanted, rel=0.02)
 
 
+def test_a_curve_without_slope_at_zero_is_corrected():
+    count = np.random.default_rng(1).uniform(-5.0, 90.0, (4000, 1, 12))
+    splines = curve_splines(count, np.ones((1, 12), bool))
+    curves = fit_curves(splines, deviation(count), count, np.ones((4000, 1), bool), np.full(1, 5.0), np.ones((1, 12)))
+    flat, at = np.array([0.0, 0.0, 70.0]), np.linspace(30.0, 88.0, 40)
+    corrected = curves.corrected(flat, 200.0, 0, 3)
+    assert polyval(at - deviation(at), corrected) == pytest.approx(polyval(at, flat), rel=0.05)
+
+
 def test_curves_are_not_extrapolated_to_held_out_readings():
     """Without load an insole may be read only before the first step: a loop leaves all later readings above."""
     count = np.concatenate([np.linspace(0.0, 5.0, 400), np.linspace(27.0, 90.0, 1600)])
