@@ -146,7 +146,10 @@ def invert_curve(activation_count: Array, load_pa: Array) -> Array:
     The curve is given by its rising activation (g,), counts, at loads (g,), Pa. Errors are weighted by its slope, so
     they are in counts: where the curve is flat, as beyond a knee, an error in pascals matters little. Where the load
     hardly rises with the activation, as near an extremum of a polynomial that was handed in, the slope is limited, too.
+    Where it does not rise at all, only the last point is used.
     """
+    rises = np.diff(load_pa, append=np.inf) > 0.0
+    activation_count, load_pa = activation_count[rises], load_pa[rises]
     mean_slope = max(float(np.ptp(activation_count)), 1e-9) / float(np.ptp(load_pa))
     slope = np.clip(np.gradient(activation_count, load_pa), LEAST_SLOPE * mean_slope, MOST_SLOPE * mean_slope)
     extension_pa = EXTENSION * float(np.ptp(load_pa))

@@ -12,8 +12,6 @@ from ...physics.law import Array
 from ..operators import AT_ONCE, polynomial
 
 LEAST_SLOPE = 0.25  # of a curve, as a share of its mean slope
-LEAST_SLOPE_BELOW = 0.02  # the same below zero, where a curve may have none at all
-TURNED = 0.5  # of the mean slope: a curve that rises by less at its top turns there
 HIGHEST_ACTIVATION = 255  # counts
 
 
@@ -64,14 +62,13 @@ class StaticCurves:
 
     @cached_property
     def _slope_below(self) -> Array:
-        """Return the slope (...) below zero: that at zero, or hardly any."""
-        return np.asarray(np.maximum(self.coefficients[1], LEAST_SLOPE_BELOW * self._mean_slope))
+        return np.asarray(np.maximum(self.coefficients[1], 0.0))
 
     @cached_property
     def _slope_above(self) -> Array:
         """Return the slope (...) above the top: that of the top, or the mean if a curve turns there."""
         slope = polynomial(self.top_count[None], _derivative(self.coefficients))[0]
-        return np.where(slope < TURNED * self._mean_slope, self._mean_slope, slope)
+        return np.where(slope < LEAST_SLOPE * self._mean_slope, self._mean_slope, slope)
 
     @cached_property
     def _mean_slope(self) -> Array:

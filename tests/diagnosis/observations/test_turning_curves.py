@@ -60,7 +60,7 @@ def test_a_curve_that_falls_before_the_readings_end_goes_on_with_its_mean_slope(
     assert curve.slope_pa(np.array([55.0])) == pytest.approx(at_top / top)
 
 
-def test_a_curve_without_slope_at_zero_falls_below_it():
-    curve = StaticCurves(np.array([0.0, 0.0, 70.0]), np.array(100.0))
-    least = 0.02 * 7000.0  # of the mean slope
-    assert curve.pressure_pa(np.array([-2.0, -1.0, 0.0])) == pytest.approx([-2.0 * least, -least, 0.0])
+def test_a_curve_that_rises_slowly_at_the_end_of_its_range_goes_on_with_that_slope():
+    curve = StaticCurves(np.array([0.0, 10000.0, -60.0]), np.array(60.0))  # 2800 at the top, 6400 on average
+    at_top, above = curve.pressure_pa(np.array([60.0, 70.0]))
+    assert above - at_top == pytest.approx(28000.0)
