@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from .observations.walk import observe_walk
 from .observations.wrench import WrenchObservation
 
 LEAST_STEPS = 3
+MANY = 0.1  # of the taxels, whose curves are doubtful
+MOSTLY, ABOVE_COUNT = 0.99, 2.0  # quantile of a taxel's readings, and counts by which it is beyond the curve
 
 
 def observed(
@@ -39,7 +41,27 @@ def observed(
             observations.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
         else:
             observations.append(_observe(recording, foot, model))
+        for doubt in _doubts_about_curves(observations[-1]):
+            progress(doubt)
     return observations
+
+
+def _doubts_about_curves(seen: WrenchObservation) -> Iterator[str]:
+    """Say what makes the static curves of many taxels doubtful under the readings of a recording."""
+    n, used = int(seen.usable.sum()), seen.usable & (np.ptp(seen.activation_count, axis=0) > 0.0)
+    falls = int(np.count_nonzero(used & (seen.coefficients[1] < 0.0)))
+    highest = np.quantile(seen.activation_count, MOSTLY, axis=0)
+    beyond = int(np.count_nonzero(used & (highest > seen.top_count + ABOVE_COUNT)))
+    if falls > MANY * n:
+        yield (
+            f"{seen.name}: the curves of {falls} of {n} taxels fall at no load and are taken as level there: "
+            "calibrate again, with readings at no load"
+        )
+    if beyond > MANY * n:
+        yield (
+            f"{seen.name}: readings of {beyond} of {n} taxels go beyond their curves, which are taken as straight "
+            "there: calibrate again, up to these loads"
+        )
 
 
 def _observe(recording: Recording, foot: FootRecording, model: Calibration) -> WrenchObservation:
