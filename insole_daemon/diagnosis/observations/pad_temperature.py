@@ -117,9 +117,9 @@ def _levels(in_windows: Array) -> tuple[Array, NDArray[np.bool_]]:
         return np.asarray(alpha * norm.cdf(alpha) + norm.pdf(alpha))
 
     in_range = at_end == 0.0
-    is_partly = (at_end > LEAST_AT_END) & (near_end < 1.0 - LEAST_AT_END)
+    is_partly = (at_end > LEAST_AT_END) & (near_end > at_end) & (near_end < 1.0 - LEAST_AT_END)
     probits = [norm.ppf(np.where(is_partly, share, 0.5)) for share in (at_end, near_end)]
-    of_partly = 1.0 / np.maximum(probits[1] - probits[0], 1.0 / MOST_COUNT)
+    of_partly = 1.0 / np.where(is_partly, probits[1] - probits[0], 1.0)
     noise = np.where(in_range.any(axis=0), _median(inwards.std(axis=1), in_range), _median(of_partly, is_partly))
     scale = np.maximum(noise, LEAST_STD_COUNT)
     alpha = np.linspace(-FAR_SIGMAS, FAR_SIGMAS, 241)

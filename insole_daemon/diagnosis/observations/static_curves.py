@@ -32,7 +32,7 @@ def turning_count(coefficients: Array, highest_count: Array | float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class StaticCurves:
-    """Polynomials g of taxels (...), straight below zero and above `top_count`."""
+    """Polynomials g of taxels (...), straight above `top_count` and below zero, where none falls."""
 
     coefficients: Array  # (k, ...) Pa, Pa per count, …
     top_count: Array  # (...)
