@@ -1,4 +1,4 @@
-"""What `insole diagnose` says of a calibration that cannot hold under the readings."""
+"""Messages of `insole diagnose` on a calibration whose curves fall at no load, or end below the readings."""
 
 from __future__ import annotations
 
