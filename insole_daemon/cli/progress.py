@@ -47,6 +47,12 @@ class Work:
         return f"{left_s // 60}:{left_s % 60:02d} left"
 
 
+def _write_line(line: str) -> None:
+    """Write `line` on stderr in one piece: `print` writes the end of a line apart, and Ctrl-C may come between."""
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()
+
+
 @contextlib.contextmanager
 def show_work(title: str, stages: Sequence[float] = ()) -> Iterator[Work]:
     """Show `title`, the elapsed time and the time left on a terminal; yield the Work that receives the progress.
@@ -54,7 +60,7 @@ def show_work(title: str, stages: Sequence[float] = ()) -> Iterator[Work]:
     `stages`: how long each takes beside the others, where each begins with a line.
     """
     if not sys.stderr.isatty():
-        yield Work(lambda line: print(line, file=sys.stderr, flush=True), stages)
+        yield Work(_write_line, stages)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pty
 import re
+import socket
 import subprocess
 import sys
 
@@ -41,3 +42,15 @@ def test_a_terminal_shows_the_work_and_the_time_until_it_is_done() -> None:
 def test_a_file_has_the_lines_alone() -> None:
     done = subprocess.run([sys.executable, "-c", WORK], capture_output=True, text=True, check=True)
     assert done.stderr == "insole: 90 of [taxels] kept\ninsole: both fitted\n"
+
+
+def test_a_line_and_its_end_are_written_together() -> None:
+    reading, writing = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)  # one packet for one write
+    with reading, writing:
+        unbuffered = os.environ | {"PYTHONUNBUFFERED": "1"}
+        subprocess.run([sys.executable, "-c", WORK], stderr=writing, check=True, env=unbuffered)
+        writing.close()
+        assert list(iter(lambda: reading.recv(4096), b"")) == [
+            b"insole: 90 of [taxels] kept\n",
+            b"insole: both fitted\n",
+        ]
