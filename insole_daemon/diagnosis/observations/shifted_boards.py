@@ -91,7 +91,8 @@ def _correct_on_walk(
         after, bits, corrected = min(possible, key=lambda one: one[0])
         is_exact = abs(np.log2(_scales_of_boards(corrected)[board])) < MOST_OFF_BITS
         if after < (1.0 - LEAST_EXPLAINED) * before and is_exact:
-            seen = corrected
+            saturated = corrected.saturated & (_boards(corrected) == board)
+            seen = replace(corrected, missing=corrected.missing | saturated) if bits < 0 else corrected
             findings.append(_finding(foot, seen, board, bits, before - after))
     return seen, findings
 

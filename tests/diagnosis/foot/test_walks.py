@@ -265,6 +265,19 @@ def test_a_bit_shift_is_named_where_the_counts_without_load_are_far_from_no_load
     assert [(each["effect"], each["where"]["ids"]) for each in found["findings"]] == [("bit_shift", [[6]])]
 
 
+def test_a_bit_shift_is_named_alone_if_its_readings_are_saturated_under_the_foot(tmp_path):
+    """The load above the end of the range is not read, which looks like a stiffening of the board."""
+    own = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+    drawn = Sensors.drawn(np.random.default_rng(3))
+    sensitive = replace(drawn, sensitivity=5.0 * drawn.sensitivity)
+
+    def shifted(t_s: Array, read: Array) -> None:
+        read[:, own] = np.clip(240.0 - 2.0 * (240.0 - read[:, own]), 0.0, 255.0)
+
+    found = diagnose_any(write(tmp_path / "shifted", touch=shifted, sensors=sensitive), tmp_path / "out")
+    assert [(each["effect"], each["where"]["ids"]) for each in found["findings"]] == [("bit_shift", [[6]])]
+
+
 def test_a_triangle_that_reads_less_than_half_has_a_gain(tmp_path):
     """The readings are multiplied by 2.5 in the model: a column at the present ones is no approximation of that."""
     own = np.repeat(np.arange(len(LAYOUT)) == 2, 12)
