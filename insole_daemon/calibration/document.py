@@ -22,7 +22,7 @@ import numpy as np
 from .. import __version__
 from ..errors import FileError
 from ..files import write_text
-from ..physics.calibration import COVARIANCE, FORMAT, VALID_RANGE
+from ..physics.calibration import COVARIANCE, FORMAT, valid_up_to
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from .calibrating import Calibrated
 from .verdict import Verdict, judge_triangle
@@ -37,7 +37,7 @@ def calibration_document(calibrated: Calibrated) -> dict[str, Any]:
     for row, slot in enumerate(calibrated.slots.tolist()):
         extensions: dict[str, Any] = {
             COVARIANCE: [[_rounded(value) for value in line] for line in fit.covariance_pa2[row].tolist()],
-            VALID_RANGE: {"activation_count": [0.0, round(float(calibrated.highest_count[row]), 2)]},
+            **valid_up_to(float(calibrated.highest_count[row])),
         }
         if math.isfinite(fit.residual_pa[row]):
             extensions["residual_std_pa"] = round(float(fit.residual_pa[row]), 1)

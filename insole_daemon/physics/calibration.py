@@ -146,6 +146,11 @@ def load(path: str | PathLike[str], layout: Layout) -> Calibration:
     )
 
 
+def valid_up_to(highest_count: float) -> dict[str, Any]:
+    """Return the extensions of a taxel whose curve was fitted up to an activation: none if that is inf, unknown."""
+    return {VALID_RANGE: {"activation_count": [0.0, round(highest_count, 2)]}} if np.isfinite(highest_count) else {}
+
+
 def default(layout: Layout, boards: Sequence[Board]) -> Calibration:
     """Return the default calibration: the same straight line for every taxel, good enough for a first look only.
 

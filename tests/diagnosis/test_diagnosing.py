@@ -154,6 +154,10 @@ def test_the_model_of_a_strong_loop_leaves_what_was_held_out(tmp_path):
     off = recording["left"].counts - counts(out, recording)["left"]
     used = np.isfinite(off).all(axis=0)
     assert np.sqrt(np.mean(off[:, used] ** 2)) < 1.4 * diagnosis.heldout["after"] < 0.15 * diagnosis.heldout["before"]
+    for taxel in diagnosis.model["taxels"]:
+        low_count, high_count = taxel["extensions"]["valid_range"]["activation_count"]
+        pressure_pa = np.polyval(taxel["coefficients_pa"][::-1], np.linspace(low_count, 1.5 * high_count, 100))
+        assert (np.diff(pressure_pa) > 0.0).all()  # also where a walk loads it more than the chamber did
 
 
 def test_the_model_predicts_the_counts(tmp_path):

@@ -65,8 +65,20 @@ def test_an_inverted_curve_rises_and_returns_the_load() -> None:
     activation = 60.0 * loads / (loads + 4e5)
     back = invert_curve(activation, loads)
     assert np.abs(np.polynomial.polynomial.polyval(activation, back) - loads).max() < 1.5e3
-    beyond = np.polynomial.polynomial.polyval(np.linspace(-2.0, 1.05 * activation[-1], 400), back)
+    beyond = np.polynomial.polynomial.polyval(np.linspace(-2.0, 1.5 * activation[-1], 400), back)
     assert (np.diff(beyond) > 0).all()
+
+
+@pytest.mark.parametrize("first", [-5.0, 0.0, 13.0], ids=["below_no_load", "at_no_load", "above_no_load"])
+def test_an_inverted_curve_is_continued_straight_to_no_load_and_beyond_its_end(first: float) -> None:
+    """A walk loads a taxel less, or half as much again, as the chamber did to which the curve was fitted."""
+    loads = np.linspace(5e3, 3e5, 200)
+    activation = first + 60.0 * np.tanh(loads / 2e5) + 4.0 * np.sin(loads / 2e4)
+    back = invert_curve(np.maximum.accumulate(activation), loads)
+    count = activation[-1] * np.array([0.0, 1.0, 1.25, 1.5])
+    at_no_load, at_end, *beyond = np.polynomial.polynomial.polyval(count, back)
+    assert -2e5 < at_no_load < 6e4
+    assert at_end < beyond[0] < beyond[1] < 4.0 * at_end
 
 
 def test_a_load_that_hardly_rises_at_the_ends_of_a_curve_is_inverted() -> None:

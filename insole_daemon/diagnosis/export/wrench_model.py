@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.stats import binom
 
+from ...physics import calibration as calibrations
 from ...physics import effects_document
 from ...physics.effect import Effect, Where
 from ...physics.law import Array
@@ -47,11 +48,14 @@ def document(
     """Return an `insole-calibration/1`.
 
     `recalibrated`: corrections of curves that were fitted while a memory acted. Taxels that are `broken` (T, 12) are
-    not listed.
+    not listed. A corrected curve is valid up to the highest activation of the rows, another as far as it was before.
     """
     layout, calibration = seen.layout, seen.calibration
     places = [(correction, set(correction.where.slots(layout).tolist())) for correction in absorbed]
     reached_count, top_count = seen.activation_count.max(axis=0), seen.top_count
+    fitted_count = calibration.highest_count
+    if fitted_count is None:
+        fitted_count = np.full(reached_count.shape, np.inf)
     highest_pa = 0.0
     taxels = []
     for slot in np.flatnonzero((calibration.usable & ~broken).ravel()).tolist():
@@ -66,10 +70,12 @@ def document(
         if recalibrated is not None:
             curve = recalibrated.corrected(curve, float(top_count[row, taxel]), row, taxel)
         highest_pa = max(highest_pa, float(polyval(reached_count[row, taxel], curve)))
+        extensions = calibrations.valid_up_to(float((fitted_count if curve is given else reached_count)[row, taxel]))
         taxels.append(
             {"board": board, "triangle": triangle, "taxel": taxel,
              "baseline_count": round(float(calibration.baseline_count[row, taxel]), 4),
-             "coefficients_pa": [float(f"{value:.9g}") for value in curve]}
+             "coefficients_pa": [float(f"{value:.9g}") for value in curve],
+             **({"extensions": extensions} if extensions else {})}
         )  # fmt: skip
     taxels.sort(key=lambda entry: (entry["board"], entry["triangle"], entry["taxel"]))
     up_to_highest = [_valid_up_to(effect, highest_pa) for effect in effects]

@@ -17,6 +17,7 @@ from ..observations.static_curves import StaticCurves
 N_SPLINES, DEGREE = 7, 3
 N_TABLE = 1001  # points of a tabulated spline, linear between them
 N_POINTS = 200  # of a corrected curve, to which a polynomial is fitted
+LEAST_RANGE = 0.25  # of a corrected curve, in activations, relative to the present one
 RANGE_QUANTILES = (0.001, 0.999)  # of the readings that are taken as the ends of their range
 
 
@@ -68,13 +69,16 @@ class CurveShares:
         """Return coefficients (k,) of the corrected curve of taxel (row, taxel).
 
         `curve`: coefficients of the present one g, Pa, straight below zero and above the activation `top_count`. A
-        pressure g(a) is read as a − d(a), d being the deviation. A taxel without rows in the fit keeps g.
+        pressure g(a) is read as a − d(a), d being the deviation. A taxel without rows in the fit keeps g, as does one
+        whose deviation takes most of its range: its rows do not determine a curve.
         """
         if not self.shares[row, taxel].any():
             return curve
         count = np.linspace(float(self.splines.knots[0]), float(self.reached_count[row, taxel]), N_POINTS)
         splines = np.stack(list(self.splines.at(count)))
         read_count = np.maximum.accumulate(count - self.shares[row, taxel] @ splines)
+        if np.ptp(read_count) < LEAST_RANGE * np.ptp(count):
+            return curve
         return invert_curve(read_count, StaticCurves(curve, np.array(top_count)).pressure_pa(count))
 
 

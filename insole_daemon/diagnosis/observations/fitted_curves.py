@@ -6,7 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.polynomial import Chebyshev, Polynomial
+from numpy.polynomial.chebyshev import chebder, chebval, chebvander
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from ...physics.calibration import Calibration
 from ...physics.law import Array
@@ -20,12 +23,18 @@ PA_PER_COUNT = 8000.0  # of the provisional straight curves
 DEGREE = 5  # of a taxel's reading as a polynomial of the load
 LEAST_FIT_SHARE = 0.5  # of the variance of a taxel's readings that its curve explains, for a usable taxel
 LEAST_STD_COUNT = 1.0  # of the readings of a usable taxel
-MOST_DEGREE = 11  # of the curve from activation to pressure
-CLOSE_FIT_COUNT = 0.05  # RMS error at which no higher degree is tried
-EXTENSION = np.linspace(0.01, 0.1, 10)  # of the range, straight, at either end
+MOST_DEGREE = 15  # of the curve from activation to pressure
+CLOSE_FIT_COUNT = 0.02  # RMS error at which no higher degree is tried
 LEAST_SLOPE = 0.02  # of the mean slope: flatter parts of a curve carry hardly any information on the load
 MOST_SLOPE = 4.0  # of the mean slope
+BELOW = 0.1  # of the range: a curve is continued straight so far below its lowest activation and no load
+ABOVE = 1.5  # and up to this multiple of its highest activation
+N_BEYOND = 40  # points of a straight continuation
+BEYOND = 0.3  # their weight, relative to that of their slope
+LEAST_END_SLOPE = 0.25  # of the mean slope, of a continuation
 N_LOADS = 200
+# Slopes (N_LOADS, MOST_DEGREE + 1) of Chebyshev polynomials over their range.
+SLOPES = chebval(np.linspace(-1.0, 1.0, N_LOADS), chebder(np.eye(MOST_DEGREE + 1))).T
 SWITCH_ON = np.arange(0.03, 0.95, 0.02)  # shares of the load's range at which a board may switch on
 SWITCH_OFF = (0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9)  # shares of that load at which it switches off
 LEAST_STEP = 5.0  # in standard deviations of the residual
@@ -91,7 +100,7 @@ def fitted_curves(foot: FootRecording, observed: Sequence[ChamberObservation]) -
             continue
         load, taxels = load_pa[row_known], np.flatnonzero(usable[row])
         activation_of_row = activation[row_known][:, row, taxels]
-        basis = np.polynomial.chebyshev.chebvander(_normalised(load, grid_pa), DEGREE)
+        basis = chebvander(_normalised(load, grid_pa), DEGREE)
         relay_state = relays[int(boards[row])]
         if relay_state is not None:
             columns = np.concatenate([basis, relay_state[row_known, None]], axis=1)
@@ -100,13 +109,14 @@ def fitted_curves(foot: FootRecording, observed: Sequence[ChamberObservation]) -
         coefficients_of_load = np.linalg.lstsq(basis, activation_of_row, rcond=None)[0]
         variance = np.maximum(np.var(activation_of_row, axis=0), LEAST_STD_COUNT**2)
         responds = np.var(basis @ coefficients_of_load, axis=0) > LEAST_FIT_SHARE * variance
-        curves = np.polynomial.chebyshev.chebvander(_normalised(grid_pa, grid_pa), DEGREE) @ coefficients_of_load
+        curves = chebvander(_normalised(grid_pa, grid_pa), DEGREE) @ coefficients_of_load
         for taxel, curve, is_good in zip(taxels.tolist(), curves.T, responds.tolist(), strict=True):
-            if not is_good:
+            rising = np.maximum.accumulate(curve)
+            if not is_good or rising[-1] == rising[0]:
                 continue
             at_rest = float(np.interp(0.0, grid_pa, curve))
             baseline[row, taxel] = provisional.baseline_count[row, taxel] - at_rest
-            inverse = invert_curve(np.maximum.accumulate(curve - at_rest), grid_pa)
+            inverse = invert_curve(rising - at_rest, grid_pa)
             coefficients[row, taxel] = np.pad(inverse, (0, MOST_DEGREE + 1 - len(inverse)))
             highest[row, taxel] = float(curve.max()) - at_rest
     return replace(_calibration(foot, baseline, coefficients), highest_count=highest)
@@ -124,7 +134,7 @@ def _find_relay(
         return None
     median_count = np.median(activation_count[:, usable], axis=1)
     low, high = float(load_pa[row_known].min()), float(load_pa[row_known].max())
-    polynomials = np.polynomial.chebyshev.chebvander(_normalised(load_pa, np.array([low, high])), DEGREE)
+    polynomials = chebvander(_normalised(load_pa, np.array([low, high])), DEGREE)
     basis = np.linalg.qr(polynomials[row_known])[0]
     residual = median_count[row_known] - basis @ (basis.T @ median_count[row_known])
     best_gain, best_state = 0.0, None
@@ -141,36 +151,39 @@ def _find_relay(
 
 
 def invert_curve(activation_count: Array, load_pa: Array) -> Array:
-    """Return coefficients (k,) of the load as a rising polynomial of the activation.
+    """Return coefficients (k,) of the load as a rising polynomial of the activation, from no load to beyond the end.
 
     The curve is given by its rising activation (g,), counts, at loads (g,), Pa. Errors are weighted by its slope, so
     they are in counts: where the curve is flat, as beyond a knee, an error in pascals matters little. Where the load
     hardly rises with the activation, as near an extremum of a polynomial that was handed in, the slope is limited, too.
-    Where it does not rise at all, only the last point is used.
+    Where it does not rise at all, only the last point is used. Beyond its ends the curve is continued straight: a foot
+    loads taxels less and more than a chamber did, and a polynomial may have any value where it was fitted to nothing.
     """
     rises = np.diff(load_pa, append=np.inf) > 0.0
     activation_count, load_pa = activation_count[rises], load_pa[rises]
-    mean_slope = max(float(np.ptp(activation_count)), 1e-9) / float(np.ptp(load_pa))
+    mean_slope = float(np.ptp(activation_count)) / float(np.ptp(load_pa))
     slope = np.clip(np.gradient(activation_count, load_pa), LEAST_SLOPE * mean_slope, MOST_SLOPE * mean_slope)
-    extension_pa = EXTENSION * float(np.ptp(load_pa))
-    pieces = [(load_pa[0] - extension_pa[::-1], activation_count[0] - extension_pa[::-1] * slope[0]),
-            (load_pa, activation_count),
-            (load_pa[-1] + extension_pa, activation_count[-1] + extension_pa * slope[-1])]  # fmt: skip
-    load, activation = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
-    weight = np.concatenate([np.full(len(extension_pa), slope[0]), slope, np.full(len(extension_pa), slope[-1])])
-    scale = max(float(np.abs(activation).max()), 1e-9)
-    grid = np.linspace(float(activation.min()), float(activation.max()), N_LOADS) / scale
-    best, least_error = np.array([0.0, max(float(load_pa[-1]), 1.0) / scale]), np.inf
+    first, last = float(activation_count[0]), float(activation_count[-1])
+    below = np.linspace(min(first, 0.0) - BELOW * (last - first), first, N_BEYOND, endpoint=False)
+    above = np.linspace(max(ABOVE * last, last + BELOW * (last - first)), last, N_BEYOND, endpoint=False)
+    low, high = np.maximum(slope[[0, -1]], LEAST_END_SLOPE * mean_slope).tolist()
+    activation = np.concatenate([below, activation_count, above])
+    load = np.concatenate([load_pa[0] + (below - first) / low, load_pa, load_pa[-1] + (above - last) / high])
+    weight = np.concatenate([np.full(N_BEYOND, BEYOND * low), slope, np.full(N_BEYOND, BEYOND * high)])
+    given = slice(N_BEYOND, -N_BEYOND)
+    domain = np.array([below[0], above[0]])
+    columns = chebvander(_normalised(activation, domain), MOST_DEGREE) * weight[:, None]
+    orthogonal, triangular = np.linalg.qr(columns)
+    right = orthogonal.T @ (load * weight)
+    best, least_error = np.zeros(1), np.inf
     for degree in range(1, MOST_DEGREE + 1):
-        design = np.vander(activation / scale, degree + 1, increasing=True)
-        scaled_coefficients = np.linalg.lstsq(design * weight[:, None], load * weight, rcond=None)[0]
-        rises = np.polynomial.polynomial.polyval(grid, scaled_coefficients[1:] * np.arange(1, degree + 1)) > 0
-        rms_error = float(np.sqrt(np.mean(((design @ scaled_coefficients - load) * weight) ** 2)))
-        if rises.all() and rms_error < least_error:
-            best, least_error = scaled_coefficients / scale ** np.arange(degree + 1), rms_error
+        fitted = solve_triangular(triangular[: degree + 1, : degree + 1], right[: degree + 1])
+        rms_error = float(np.sqrt(np.mean((columns[given, : degree + 1] @ fitted - (load * weight)[given]) ** 2)))
+        if rms_error < least_error and (SLOPES[:, : degree + 1] @ fitted > 0.0).all():
+            best, least_error = fitted, rms_error
         if least_error < CLOSE_FIT_COUNT:
             break
-    return best
+    return np.asarray(Chebyshev(best, domain=domain).convert(kind=Polynomial).coef)
 
 
 def _normalised(load_pa: Array, grid_pa: Array) -> Array:

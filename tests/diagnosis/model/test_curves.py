@@ -34,6 +34,14 @@ def test_a_large_deviation_of_a_curve_is_fitted_and_exported_as_a_polynomial():
     assert polyval(above - deviation(above), straight) == pytest.approx(wanted, rel=0.02)
 
 
+def test_a_curve_whose_deviation_takes_all_of_its_range_is_kept():
+    """As that of a taxel whose rows do not determine one: every reading would be the same pressure."""
+    count = np.random.default_rng(1).uniform(-5.0, 90.0, (4000, 1, 12))
+    splines = curve_splines(count, np.ones((1, 12), bool))
+    curves = fit_curves(splines, 0.9 * count, count, np.ones((4000, 1), bool), np.full(1, 50.0), np.ones((1, 12)))
+    assert curves.corrected(GIVEN, 200.0, 0, 3) is GIVEN
+
+
 def test_a_curve_without_slope_at_zero_is_corrected():
     count = np.random.default_rng(1).uniform(-5.0, 90.0, (4000, 1, 12))
     splines = curve_splines(count, np.ones((1, 12), bool))
