@@ -282,6 +282,7 @@ def _search_under(
             if ordered is None:
                 break
             best, start = min(best, ordered, key=lambda fitted: fitted.criterion), ordered
+        del start, ordered  # designs are large
     for _ in range(ORDERED_ROUNDS):
         ordered = on_signal_path(best, best, design_after)
         if ordered is None or ordered.criterion >= best.criterion:

@@ -16,7 +16,8 @@ from ...physics.law import Array
 from ..load_estimate import LoadEstimate
 from ..observations.chamber import ChamberObservation
 from ..observations.paired import PairedObservation
-from .curves import curve_splines
+from ..operators import AT_ONCE
+from .curves import N_SPLINES, curve_splines
 
 GAIN_STD = 0.003  # of a triangle's calibration
 BASELINE_STD_COUNT = 0.05  # of a triangle's
@@ -178,8 +179,14 @@ def _of_calibration(load: LoadEstimate, priors: Priors) -> Iterator[tuple[str, A
     gain = load.wrench_of(-slope_pa * (load.activation_count if is_loose else load.gained_count))[..., 0]
     yield "gain", gain, GAIN_STD
     yield "baseline", slope, ROUNDED_STD_COUNT if isinstance(seen, PairedObservation) else BASELINE_STD_COUNT
-    for spline in curve_splines(load.activation_count, seen.usable).at(load.activation_count):
-        yield "curve", load.wrench_of(slope_pa * spline)[..., 0], priors.curve_count
+    splines = curve_splines(load.activation_count, seen.usable)
+    columns = np.empty((N_SPLINES, *slope.shape))
+    for first in range(0, len(slope), AT_ONCE):
+        rows = slice(first, first + AT_ONCE)
+        for column, spline in zip(columns, splines.at(load.activation_count[rows]), strict=True):
+            column[rows] = load.wrench_of(slope_pa[rows] * spline)[..., 0]
+    for column in columns:
+        yield "curve", column, priors.curve_count
     if seen.rezeroed is not None:
         yield "rezero", slope * seen.rezeroed, REZERO_STD_COUNT
     if priors.share:

@@ -42,7 +42,7 @@ def on_signal_path(
         if len(remaining) == len(acting):
             return with_refined_snaps(first.refitted(among, ordered))
         acting = remaining
-        del among, kept  # designs are large
+        del among, changed, kept  # designs are large
     return None
 
 

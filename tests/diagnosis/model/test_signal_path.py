@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 from itertools import islice
 
@@ -19,8 +20,9 @@ from insole_daemon.diagnosis.operators import low_pass, relay
 from insole_daemon.diagnosis.select.ordered_search import on_signal_path
 from insole_daemon.diagnosis.select.search import FittedSet, SubsetSearch
 from insole_daemon.diagnosis.select.timing_search import TimingFit
+from insole_daemon.physics.law import Array
 
-from ..chamber import write
+from ..chamber import relaxing, write
 
 UP_PA, DOWN_PA, STEP_PA = 120e3, 60e3, 25e3
 
@@ -72,6 +74,28 @@ def test_a_term_that_the_set_under_the_changed_load_lacks_changes_no_load(tmp_pa
     best = FittedSet((k,), (np.array([STEP_PA / 1e3]),), gain=0.0, score=-1e12)
     first = TimingFit((), Timing(), criterion=1e12, left=1e12, n_terms=1, search=search, best=best)
     assert on_signal_path(first, first, make) is None
+
+
+def test_a_design_is_freed_before_that_without_the_terms_that_its_set_lacks_is_made(tmp_path):
+    recording = insole_daemon.load(write(tmp_path / "bag", relaxing(0.3, 0.8), seconds=40.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    made: list[weakref.ref[Array]] = []
+
+    def make(timing: Timing, changes: Changes) -> BlockDesign:
+        assert all(columns() is None for columns in made)
+        design = block_design(KnownLoad(seen, changes), seen.weight_variance**-0.5)
+        made.append(weakref.ref(design.nuisance.own))
+        return design
+
+    search = SubsetSearch(block_design(KnownLoad(seen), seen.weight_variance**-0.5))
+    candidates = search.design.candidates
+    at_insole = [k for k, term in enumerate(candidates) if term.where.scope == "insole"]
+    k, other = (next(k for k in at_insole if candidates[k].word == word) for word in ("snap", "viscoelasticity"))
+    shares = (np.array([STEP_PA / 1e3]), np.full(len(candidates[other].columns), 0.1))
+    best = FittedSet((k, other), shares, gain=0.0, score=-1e12)
+    first = TimingFit((), Timing(), criterion=1e12, left=1e12, n_terms=2, search=search, best=best)
+    assert on_signal_path(first, first, make) is not None
+    assert len(made) == 2
 
 
 def test_columns_joined_to_others_have_the_inner_products_of_all_together(design):
