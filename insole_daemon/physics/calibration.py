@@ -148,7 +148,9 @@ def load(path: str | PathLike[str], layout: Layout) -> Calibration:
 
 def valid_up_to(highest_count: float) -> dict[str, Any]:
     """Return the extensions of a taxel whose curve was fitted up to an activation: none if that is inf, unknown."""
-    return {VALID_RANGE: {"activation_count": [0.0, round(highest_count, 2)]}} if np.isfinite(highest_count) else {}
+    if not np.isfinite(highest_count):
+        return {}
+    return {VALID_RANGE: {"activation_count": [0.0, max(round(highest_count, 2), 0.0)]}}
 
 
 def default(layout: Layout, boards: Sequence[Board]) -> Calibration:

@@ -14,7 +14,7 @@ import pytest
 from insole_daemon.config import Board
 from insole_daemon.config import load as load_config
 from insole_daemon.errors import DocumentError, InsoleError
-from insole_daemon.physics.calibration import default, load
+from insole_daemon.physics.calibration import default, load, valid_up_to
 from insole_daemon.skin import layout as layouts
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.skin.layout import Layout, builtin
@@ -228,6 +228,16 @@ def test_valid_range_is_read_from_the_extension(write: Write) -> None:
     assert calibration.lowest_count[row, :2].tolist() == [201, 0], (
         "240.5 − 40.2 is 200.3; one without a range has no limit"
     )
+
+
+@pytest.mark.parametrize(("fitted_to", "read"), [(40.217, 40.22), (-0.4, 0.0), (np.inf, np.inf)])
+def test_a_stated_range_is_read_again(write: Write, fitted_to: float, read: float) -> None:
+    """Also that of a taxel that was never loaded: its highest reading may be below its baseline."""
+    stated = taxel(extensions=valid_up_to(fitted_to))
+    ranged = taxel(1, extensions=valid_up_to(30.0))
+    highest_count = load(write(stated, ranged), LAYOUT).highest_count
+    assert highest_count is not None
+    assert highest_count[LAYOUT.rows[BOARD, TRIANGLE], 0] == read
 
 
 @pytest.mark.parametrize("value", [[0, 40], {"activation_count": [40, 0]}, {"activation_count": "all"}, {}])
