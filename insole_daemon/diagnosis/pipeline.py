@@ -18,7 +18,7 @@ from . import merging, outcome
 from .caches import forget_cached, return_freed_memory, reuse_freed_memory
 from .export import wrench_model
 from .feet import choose
-from .finding import Finding, Verdict
+from .finding import LEFT_OUT, Finding, Verdict
 from .model.blocks import RECALIBRATIONS
 from .observations.chamber import ChamberObservation
 from .observations.wrench import WrenchObservation
@@ -220,9 +220,10 @@ def _not_identifiable_by_any(results: Sequence[RecordingResult]) -> tuple[dict[s
 def _heldout(results: Sequence[RecordingResult], findings: Sequence[Finding]) -> dict[str, Any]:
     """Return the held-out errors, pooled over recordings: of counts if the load is known, else of the wrench.
 
-    If all findings are `unknown`, the model is the one handed in, and so is its error.
+    If all findings are `unknown`, or faults beside them, the model is the one handed in, and so is its error.
     """
-    if findings and all(finding.effect == "unknown" for finding in findings):
+    words = {finding.effect for finding in findings}
+    if "unknown" in words <= {"unknown", *LEFT_OUT}:
         results = [replace(result, figures=result.figures.of_the_model_handed_in) for result in results]
     known = [result for result in results if result.seen.load_is_known]
     walks = [result for result in results if not result.seen.load_is_known]

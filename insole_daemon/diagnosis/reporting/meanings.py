@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ..finding import LEFT_OUT
+
 MEANINGS: Mapping[str, str] = {
     "hysteresis": "under the same load it reads more while unloading than while loading, at any speed",
     "snap": "the reading jumps at one load, and jumps back only at a lower one",
@@ -31,4 +33,4 @@ MEANINGS: Mapping[str, str] = {
     "unknown": "a mismatch that none of the known effects explains",
 }
 
-FAULTS = ("dead_taxels", "open_triangle", "noise_burst", "frame_loss", "reference_fault")  # of readings, not physics
+FAULTS = (*LEFT_OUT, "reference_fault")  # of readings, not physics

@@ -83,12 +83,15 @@ def test_a_null_has_no_finding(tmp_path, clock):
     assert not found["findings"]
 
 
-def test_a_model_without_any_effect_has_the_error_of_the_one_handed_in(tmp_path):
+@pytest.mark.parametrize("faults", [[], ["dead_taxels"]], ids=["alone", "beside_a_dead_taxel"])
+def test_a_model_without_any_effect_has_the_error_of_the_one_handed_in(tmp_path, faults):
     def folded_hum(t_s: Array, read: Array) -> None:
         read += 2.0 * np.sign(np.sin(2.0 * np.pi * 0.37 * t_s))[:, None]
+        if faults:
+            read[:, 0] = 97.0
 
     found = diagnose_any(write(tmp_path / "walk", touch=folded_hum, clock="own"), tmp_path / "out")
-    assert [each["effect"] for each in found["findings"]] == ["unknown"]
+    assert [each["effect"] for each in found["findings"]] == ["unknown", *faults]
     for channel in (found["heldout"], found["heldout"]["m_x"], found["heldout"]["m_y"]):
         assert channel["after"] == channel["before"]
 
