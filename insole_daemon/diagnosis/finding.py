@@ -12,7 +12,7 @@ from ..config import Foot
 from ..physics.effect import Where
 
 Verdict = Literal["no mismatch", "explained", "partly explained", "unexplained", "not decidable"]
-LEFT_OUT = ("dead_taxels", "open_triangle", "noise_burst", "frame_loss")  # faults, whose readings no model explains
+LEFT_OUT = ("dead_taxels", "open_triangle", "noise_burst", "frame_loss")  # faults, which no effect of a model describes
 OF_FAULT = 0.85  # confidence of a fault that the readings or the reference show by themselves
 
 

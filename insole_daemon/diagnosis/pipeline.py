@@ -223,7 +223,7 @@ def _heldout(results: Sequence[RecordingResult], findings: Sequence[Finding]) ->
     If all findings are `unknown`, or faults beside them, the model is the one handed in, and so is its error.
     """
     words = {finding.effect for finding in findings}
-    if "unknown" in words <= {"unknown", *LEFT_OUT}:
+    if "unknown" in words and words <= {"unknown", *LEFT_OUT}:
         results = [replace(result, figures=result.figures.of_the_model_handed_in) for result in results]
     known = [result for result in results if result.seen.load_is_known]
     walks = [result for result in results if not result.seen.load_is_known]

@@ -161,17 +161,9 @@ def invert_curve(activation_count: Array, load_pa: Array) -> Array:
     """
     rises = np.diff(load_pa, append=np.inf) > 0.0
     activation_count, load_pa = activation_count[rises], load_pa[rises]
-    mean_slope = float(np.ptp(activation_count)) / float(np.ptp(load_pa))
-    slope = np.clip(np.gradient(activation_count, load_pa), LEAST_SLOPE * mean_slope, MOST_SLOPE * mean_slope)
-    first, last = float(activation_count[0]), float(activation_count[-1])
-    below = np.linspace(min(first, 0.0) - BELOW * (last - first), first, N_BEYOND, endpoint=False)
-    above = np.linspace(max(ABOVE * last, last + BELOW * (last - first)), last, N_BEYOND, endpoint=False)
-    low, high = np.maximum(slope[[0, -1]], LEAST_END_SLOPE * mean_slope).tolist()
-    activation = np.concatenate([below, activation_count, above])
-    load = np.concatenate([load_pa[0] + (below - first) / low, load_pa, load_pa[-1] + (above - last) / high])
-    weight = np.concatenate([np.full(N_BEYOND, BEYOND * low), slope, np.full(N_BEYOND, BEYOND * high)])
+    activation, load, weight = _continued(activation_count, load_pa)
     given = slice(N_BEYOND, -N_BEYOND)
-    domain = np.array([below[0], above[0]])
+    domain = activation[[0, -1]]
     columns = chebvander(_normalised(activation, domain), MOST_DEGREE) * weight[:, None]
     orthogonal, triangular = np.linalg.qr(columns)
     right = orthogonal.T @ (load * weight)
@@ -184,6 +176,23 @@ def invert_curve(activation_count: Array, load_pa: Array) -> Array:
         if least_error < CLOSE_FIT_COUNT:
             break
     return np.asarray(Chebyshev(best, domain=domain).convert(kind=Polynomial).coef)
+
+
+def _continued(activation_count: Array, load_pa: Array) -> tuple[Array, Array, Array]:
+    """Return a curve with N_BEYOND points of a straight line before and after it, and the weights of all points.
+
+    Activations (g,), counts, and loads (g,), Pa, become (g + 2 N_BEYOND,); a weight is a slope, counts per Pa.
+    """
+    mean_slope = float(np.ptp(activation_count)) / float(np.ptp(load_pa))
+    slope = np.clip(np.gradient(activation_count, load_pa), LEAST_SLOPE * mean_slope, MOST_SLOPE * mean_slope)
+    first, last = float(activation_count[0]), float(activation_count[-1])
+    below = np.linspace(min(first, 0.0) - BELOW * (last - first), first, N_BEYOND, endpoint=False)
+    above = np.linspace(max(ABOVE * last, last + BELOW * (last - first)), last, N_BEYOND, endpoint=False)[::-1]
+    low, high = np.maximum(slope[[0, -1]], LEAST_END_SLOPE * mean_slope).tolist()
+    activation = np.concatenate([below, activation_count, above])
+    load = np.concatenate([load_pa[0] + (below - first) / low, load_pa, load_pa[-1] + (above - last) / high])
+    weight = np.concatenate([np.full(N_BEYOND, BEYOND * low), slope, np.full(N_BEYOND, BEYOND * high)])
+    return activation, load, weight
 
 
 def _normalised(load_pa: Array, grid_pa: Array) -> Array:
